@@ -1,0 +1,1 @@
+"""Ground floor: errors, parameters, named number blocks, strict files, robot description. Imports nothing above it."""

@@ -1,0 +1,140 @@
+"""Parameters: default, unit, symbol, bounds and source in one place.
+
+A `ParameterSet` belongs to a node or a law. The same list validates a file, declares the ROS parameters, refuses a bad
+live change, bounds a fit and fills the tables of the documentation.
+"""
+
+from __future__ import annotations
+
+import difflib
+import enum
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hd_control.core.errors import ConfigError
+
+
+class Shape(enum.Enum):
+    """How many values a parameter holds."""
+
+    SCALAR = "scalar"
+    PER_JOINT = "per joint"
+    LIST = "list"
+
+
+class Change(enum.Enum):
+    """When a parameter may change (reliability rule: fixed, inactive or hot)."""
+
+    FIXED = "read-only after start"
+    INACTIVE = "needs INACTIVE"
+    HOT = "live"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One named value with everything that is known about it.
+
+    `low` and `high` are inclusive unless `open_low` is set; they hold for every element. `choices` restricts text.
+    """
+
+    name: str
+    meaning: str
+    unit: str = "-"
+    kind: type = float
+    shape: Shape = Shape.SCALAR
+    low: float = -math.inf
+    high: float = math.inf
+    open_low: bool = False
+    choices: tuple[str, ...] = ()
+    symbol: str = ""
+    source: str = ""
+    change: Change = Change.INACTIVE
+
+    @property
+    def allowed(self) -> str:
+        """The allowed values in words."""
+        if self.choices:
+            return "one of " + ", ".join(self.choices)
+        if self.kind in (bool, str):
+            return "true or false" if self.kind is bool else "text"
+        left, right = ("(" if self.open_low or self.low == -math.inf else "["), ("]" if self.high < math.inf else ")")
+        return f"{left}{self.low:g}, {self.high:g}{right} {self.unit}".rstrip(" -")
+
+    def problems(self, value: Any, joints: int) -> list[str]:
+        """What is wrong with `value`, one sentence each; empty if nothing is."""
+        if self.shape is Shape.SCALAR:
+            return self._element_problems(value, self.name)
+        if isinstance(value, (str, bytes)) or not isinstance(value, Sequence):
+            return [f"{self.name}: expected a list, got {value!r}"]
+        if self.shape is Shape.PER_JOINT and len(value) != joints:
+            return [f"{self.name}: {len(value)} values, expected {joints}, one for each joint"]
+        return [text for i, item in enumerate(value) for text in self._element_problems(item, f"{self.name}[{i}]")]
+
+    def _element_problems(self, value: Any, where: str) -> list[str]:
+        if self.kind is bool:
+            return [] if isinstance(value, bool) else [f"{where}: {value!r} is not true or false"]
+        if self.kind is str:
+            if not isinstance(value, str):
+                return [f"{where}: {value!r} is not text"]
+            return [f"{where}: {value!r} is not {self.allowed}"] if self.choices and value not in self.choices else []
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            return [f"{where}: {value!r} is not a number"]
+        if self.kind is int and not isinstance(value, int):
+            return [f"{where}: {value!r} is not a whole number"]
+        inside = self.low < value <= self.high if self.open_low else self.low <= value <= self.high
+        if not (inside and math.isfinite(value)):
+            return [f"{where}: {value:g} is outside {self.allowed}"]
+        return []
+
+
+Rule = Callable[[Mapping[str, Any]], list[str]]
+"""A rule between values: receives all values, returns what is wrong, one sentence each."""
+
+
+@dataclass(frozen=True)
+class ParameterSet:
+    """The parameters of one node or law, with the rules between them."""
+
+    owner: str
+    parameters: tuple[Parameter, ...]
+    rules: tuple[Rule, ...] = ()
+
+    def __post_init__(self) -> None:
+        names = [parameter.name for parameter in self.parameters]
+        if len(set(names)) != len(names):
+            raise ValueError(f"{self.owner}: a parameter is declared twice")
+
+    def __getitem__(self, name: str) -> Parameter:
+        for parameter in self.parameters:
+            if parameter.name == name:
+                return parameter
+        raise KeyError(name)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Parameter names in declaration order."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    def problems(self, values: Mapping[str, Any], joints: int) -> list[str]:
+        """Everything that is wrong with a complete set of values, one sentence each; rules run only on valid values."""
+        found = []
+        for name in values:
+            if name not in self.names:
+                near = difflib.get_close_matches(name, self.names, 1)
+                found.append(f"{name}: unknown parameter of {self.owner}" + (f", did you mean {near[0]}?" if near else ""))
+        for parameter in self.parameters:
+            if parameter.name not in values:
+                found.append(f"{parameter.name}: missing ({parameter.meaning}, {parameter.allowed})")
+            else:
+                found.extend(parameter.problems(values[parameter.name], joints))
+        if not found:
+            found = [text for rule in self.rules for text in rule(values)]
+        return found
+
+    def check(self, values: Mapping[str, Any], joints: int, where: str = "") -> None:
+        """Raises ConfigError that lists every problem of the whole set; changes nothing."""
+        found = self.problems(values, joints)
+        if found:
+            raise ConfigError((f"{where}: " if where else f"{self.owner}: ") + "; ".join(found))

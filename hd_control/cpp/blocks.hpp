@@ -1,0 +1,54 @@
+// Named blocks of numbers: the memory that laws share with Python.
+//
+// A block is one contiguous run of doubles, divided into named fields. Each field holds `per_joint` numbers for every
+// joint, or one number when `per_joint` is 0. A law declares its blocks once, as a list of fields:
+//
+//     #define HD_TORQUE_STATE(FIELD) FIELD(motor_velocity, 1, "rad/s", "filtered rotor velocity, output side")
+//     HD_BLOCK(TorqueState, HD_TORQUE_STATE)
+//
+// C++ then reads `state.motor_velocity[joint]`; Python reads the same memory as `state.motor_velocity`, and the names,
+// units and meanings of the list serve introspection topics, tables and the glossary.
+#pragma once
+
+#include <cstddef>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+namespace hd {
+
+struct Field {
+    const char* name;
+    int per_joint;
+    const char* unit;
+    const char* meaning;
+};
+
+inline std::size_t field_size(int per_joint, int joints) {
+    return per_joint == 0 ? 1U : static_cast<std::size_t>(per_joint) * static_cast<std::size_t>(joints);
+}
+
+inline std::size_t block_size(const std::vector<Field>& fields, int joints) {
+    std::size_t size = 0;
+    for (const Field& field : fields) size += field_size(field.per_joint, joints);
+    return size;
+}
+
+}  // namespace hd
+
+#define HD_FIELD_POINTER(name, per_joint, unit, meaning) double* name;
+#define HD_FIELD_ASSIGN(name, per_joint, unit, meaning) \
+    name = base;                                        \
+    base += hd::field_size(per_joint, joints);
+#define HD_FIELD_ENTRY(name, per_joint, unit, meaning) {#name, per_joint, unit, meaning},
+
+#define HD_BLOCK(Block, FIELDS)                                         \
+    struct Block {                                                      \
+        FIELDS(HD_FIELD_POINTER)                                        \
+        Block(double* base, int joints) { FIELDS(HD_FIELD_ASSIGN) }     \
+        static const std::vector<hd::Field>& fields() {                 \
+            static const std::vector<hd::Field> list{FIELDS(HD_FIELD_ENTRY)}; \
+            return list;                                                \
+        }                                                               \
+        static std::size_t size(int joints) { return hd::block_size(fields(), joints); } \
+    };
