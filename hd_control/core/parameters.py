@@ -123,7 +123,9 @@ class ParameterSet:
         for name in values:
             if name not in self.names:
                 near = difflib.get_close_matches(name, self.names, 1)
-                found.append(f"{name}: unknown parameter of {self.owner}" + (f", did you mean {near[0]}?" if near else ""))
+                found.append(
+                    f"{name}: unknown parameter of {self.owner}" + (f", did you mean {near[0]}?" if near else "")
+                )
         for parameter in self.parameters:
             if parameter.name not in values:
                 found.append(f"{parameter.name}: missing ({parameter.meaning}, {parameter.allowed})")
