@@ -117,6 +117,22 @@ class ParameterSet:
         """Parameter names in declaration order."""
         return tuple(parameter.name for parameter in self.parameters)
 
+    def select(self, values: Mapping[str, Any], joint_names: Sequence[str]) -> dict[str, Any]:
+        """The same values for some joints only: every per-joint list is reduced and ordered by `joint_names`.
+
+        `values["joint_names"]` says which joint each list element belongs to. Raises ConfigError for a joint without
+        values.
+        """
+        known = list(values["joint_names"])
+        missing = [name for name in joint_names if name not in known]
+        if missing:
+            raise ConfigError(f"{self.owner}: no values for {missing[0]}; joint_names has {', '.join(known)}")
+        rows = [known.index(name) for name in joint_names]
+        per_joint = {p.name for p in self.parameters if p.shape is Shape.PER_JOINT}
+        return {k: [v[row] for row in rows] if k in per_joint else v for k, v in values.items()} | {
+            "joint_names": list(joint_names)
+        }
+
     def problems(self, values: Mapping[str, Any], joints: int) -> list[str]:
         """Everything that is wrong with a complete set of values, one sentence each; rules run only on valid values."""
         found = []

@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -131,7 +130,7 @@ def _axis(joint: Any, where: str) -> FloatArray:
     kind = joint.shortname()
     named = {"JointModelRX": 0, "JointModelRY": 1, "JointModelRZ": 2}
     if kind in named:
-        return np.eye(3)[named[kind]]
+        return np.asarray(np.eye(3)[named[kind]])
     if kind == "JointModelRevoluteUnaligned":
         return np.array(joint.extract().axis if hasattr(joint, "extract") else joint.axis, dtype=float)
     raise RobotError(f"{where}: joint type {kind.removeprefix('JointModel')} is not supported; use revolute joints")

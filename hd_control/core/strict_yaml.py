@@ -92,7 +92,7 @@ class _Composer:
         if kind == "ScalarEvent":
             return self.scalar(event, key)
         if kind == "SequenceStartEvent":
-            items = []
+            items: list[Any] = []
             while type(item := next(self.events)).__name__ != "SequenceEndEvent":
                 items.append(self.node(item, f"{key}[{len(items)}]", depth + 1))
             return items
