@@ -1,0 +1,1 @@
+"""Recording and reading: CDR bytes, MCAP bags, columns. Pure: no ROS needed."""
