@@ -1,0 +1,182 @@
+"""Motions of the scenarios: knots of position, velocity and acceleration that a quintic spline passes through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+QUINTIC_PEAK = 1.875
+"""Peak velocity of the rest-to-rest quintic is 1.875 D / T."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Knots: times (k,) s; positions, velocities, accelerations (k, n). `window`: where errors are quoted, s."""
+
+    times: FloatArray
+    positions: FloatArray
+    velocities: FloatArray
+    accelerations: FloatArray
+    duration: float
+    window: tuple[float, float]
+
+
+def _knots(times: list[float], positions: list[FloatArray], duration: float, window: tuple[float, float]) -> Motion:
+    """Rest-to-rest knots: zero velocity and acceleration at each."""
+    q = np.array(positions)
+    return Motion(np.array(times), q, np.zeros_like(q), np.zeros_like(q), duration, window)
+
+
+def rest(start: FloatArray, duration: float) -> Motion:
+    """No motion for `duration` s."""
+    none = np.zeros((0, start.size))
+    return Motion(np.zeros(0), none, none, none, duration, (0.5 * duration, duration))
+
+
+def steps(start: FloatArray, size: float = 0.02, time: float = 0.15, dwell: float = 0.45) -> Motion:
+    """Each joint moves by `size` rad in `time` s, one after the other."""
+    times, points, clock = [1.0], [start], 1.0
+    for moved in np.eye(start.size):
+        target = points[-1] + size * moved
+        times += [clock + time, clock + time + dwell]
+        points += [target, target]
+        clock += time + dwell
+    return _knots(times, points, clock, (1.0, clock))
+
+
+def coordinated_moves(start: FloatArray, distance: float, peak_velocity: float) -> Motion:
+    """All joints +D, -D, +D (rest-to-rest quintics); 1 s hold first, 0.6 s after each move; errors over the third."""
+    time, hold = QUINTIC_PEAK * distance / peak_velocity, 0.6
+    times, points, clock = [1.0], [start], 1.0
+    for target in (start + distance, start, start + distance):
+        times += [clock + time, clock + time + hold]
+        points += [target, target]
+        clock += time + hold
+    return _knots(times, points, clock, (clock - time - hold, clock))
+
+
+def constant_speed(start: FloatArray, speed: float, duration: float) -> Motion:
+    """2 s hold, 1 s quintic blend to `speed` rad/s, cruise, 1 s blend to rest; errors from 5 s to 4 s before the end."""
+    cruise = duration - 4.0
+    ends = np.array([2.0, 3.0, 3.0 + cruise, 4.0 + cruise])
+    travel = speed * np.array([0.0, 0.5, 0.5 + cruise, 1.0 + cruise])
+    rates = speed * np.array([0.0, 1.0, 1.0, 0.0])
+    ones = np.ones(start.size)
+    positions = start + np.outer(travel, ones)
+    velocities = np.outer(rates, ones)
+    return Motion(ends, positions, velocities, np.zeros_like(velocities), duration, (5.0, duration - 4.0))
+
+
+def _smooth_step(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Quintic 0 to 1 and its first two derivatives, clamped outside [0, 1]."""
+    x = np.clip(x, 0.0, 1.0)
+    return x**3 * (10 - 15 * x + 6 * x**2), 30 * x**2 * (1 - x) ** 2, 60 * x * (1 - x) * (1 - 2 * x)
+
+
+def _enveloped(
+    times: FloatArray, wave: FloatArray, rate: FloatArray, second: FloatArray, ramp: float
+) -> list[FloatArray]:
+    """`wave` (k, n) with its two derivatives, faded in and out by quintic envelopes of `ramp` s."""
+    up, up1, up2 = _smooth_step((times - times[0]) / ramp)
+    down, down1, down2 = _smooth_step((times[-1] - times) / ramp)
+    e = (up * down)[:, None]
+    e1 = ((up1 * down - up * down1) / ramp)[:, None]
+    e2 = ((up2 * down - 2 * up1 * down1 + up * down2) / ramp**2)[:, None]
+    return [e * wave, e1 * wave + e * rate, e2 * wave + 2 * e1 * rate + e * second]
+
+
+def enveloped_sine(start: FloatArray, amplitude: float, frequency: float) -> Motion:
+    """A sine with quintic envelope over two periods; 6 periods below 1 Hz, else 12; errors over the last three.
+
+    Two further periods fade out, so that the goal ends at rest. Protocol: Zhu, Table III.
+    """
+    periods = 6 if frequency < 1.0 else 12
+    begin, length = 1.0, (periods + 2) / frequency
+    times = np.linspace(0.0, length, round(80 * (periods + 2)) + 1)
+    w = 2 * np.pi * frequency
+    columns = np.ones((1, start.size))
+    waves = [amplitude * f(w * times)[:, None] * columns for f in (np.sin, np.cos, lambda x: -np.sin(x))]
+    q, v, a = _enveloped(times, waves[0], w * waves[1], w * w * waves[2], 2 / frequency)
+    window = (begin + (periods - 3) / frequency, begin + periods / frequency)
+    return Motion(begin + times, start + q, v, a, begin + length, window)
+
+
+def random_moves(start: FloatArray, velocity_limit: FloatArray, random: np.random.Generator, count: int) -> Motion:
+    """Rest-to-rest quintics to random points within 0.5 rad of the start, 0.3 s apart, peak at most half the limit."""
+    times, points, clock = [1.0], [start], 1.0
+    for _ in range(count):
+        target = start + random.uniform(-0.5, 0.5, start.size)
+        share = random.uniform(0.2, 0.5)
+        time = float(np.max(QUINTIC_PEAK * np.abs(target - points[-1]) / (share * velocity_limit))) + 0.2
+        times += [clock + time, clock + time + 0.3]
+        points += [target, target]
+        clock += time + 0.3
+    return _knots(times, points, clock, (1.0, clock))
+
+
+def excitation(start: FloatArray, velocity_limit: FloatArray, random: np.random.Generator) -> Motion:
+    """60 s that separate the effects: 25 s triangular velocity, 22 s five sines, 13 s logarithmic chirp.
+
+    Triangular velocity up to 1.1 rad/s (at most 70 % of the limit) over at least 1 rad, sines 0.1 to 2.5 Hz, chirp 0.3
+    to 20 Hz with acceleration held below 4 rad/s^2. Joints differ in period and phase, so that none mirrors another.
+    """
+    n, begin = start.size, 1.0
+    stages = [
+        _triangular(25.0, np.minimum(1.1, 0.7 * velocity_limit), random, n),
+        _multisine(22.0, random, n),
+        _chirp(13.0, random, n),
+    ]
+    times, parts, clock = [], [], begin
+    for stage_times, stage in stages:
+        keep = slice(0, None) if stage is stages[-1][1] else slice(0, -1)
+        times.append(clock + stage_times[keep])
+        parts.append([values[keep] for values in stage])
+        clock += stage_times[-1]
+    q, v, a = (np.concatenate([part[i] for part in parts]) for i in range(3))
+    return Motion(np.concatenate(times), start + q, v, a, clock, (begin, clock))
+
+
+def _triangular(
+    length: float, peak: FloatArray, random: np.random.Generator, n: int
+) -> tuple[FloatArray, list[FloatArray]]:
+    """Velocity as a triangle wave: constant acceleration between reversals; the excursion is peak * period / 4."""
+    times = np.linspace(0.0, length, 1251)
+    period = 4.2 * (1.0 + 0.12 * np.arange(n) / max(1, n - 1)) * random.uniform(0.97, 1.03, n)
+    phase = (times[:, None] / period + random.uniform(0.0, 1.0, n)) % 1.0
+    triangle = np.where(phase < 0.5, 4 * phase - 1, 3 - 4 * phase)
+    slope = np.where(phase < 0.5, 4.0, -4.0) / period
+    x = np.where(phase < 0.5, phase, 1 - phase)
+    swing = period * np.where(phase < 0.5, 2 * x * x - x, x - 2 * x * x)
+    return times, _enveloped(times, peak * swing, peak * triangle, peak * slope, 2.0)
+
+
+def _multisine(length: float, random: np.random.Generator, n: int) -> tuple[FloatArray, list[FloatArray]]:
+    """Five sines from 0.1 to 2.5 Hz of equal velocity amplitude 0.12 rad/s."""
+    times = np.linspace(0.0, length, 2201)
+    total = [np.zeros((times.size, n)) for _ in range(3)]
+    for frequency in np.geomspace(0.1, 2.5, 5):
+        w = 2 * np.pi * frequency * random.uniform(0.95, 1.05, n)
+        angle = w * times[:, None] + random.uniform(0.0, 2 * np.pi, n)
+        for part, value in zip(total, (np.sin(angle) / w, np.cos(angle), -w * np.sin(angle)), strict=True):
+            part += 0.12 * value
+    return times, _enveloped(times, total[0], total[1], total[2], 2.0)
+
+
+def _chirp(length: float, random: np.random.Generator, n: int) -> tuple[FloatArray, list[FloatArray]]:
+    """Logarithmic chirp 0.3 to 20 Hz: amplitude 0.1 rad at first, then limited by an acceleration of 4 rad/s^2."""
+    times = np.linspace(0.0, length, 3901)
+    growth = np.log(20.0 / 0.3) / length
+    w = 2 * np.pi * 0.3 * np.exp(growth * times)[:, None]
+    angle = (w - w[0]) / growth + random.uniform(0.0, 2 * np.pi, n)
+    limit = 4.0 / w**2
+    size = 0.1 * limit / (0.1 + limit)
+    share = 0.1 / (0.1 + limit)
+    size1 = -2 * growth * size * share
+    size2 = -2 * growth * (size1 * share + size * 2 * growth * share * (1 - share))
+    wave = size * np.sin(angle)
+    rate = size1 * np.sin(angle) + size * w * np.cos(angle)
+    second = (size2 - size * w * w) * np.sin(angle) + (2 * size1 * w + size * w * growth) * np.cos(angle)
+    return times, _enveloped(times, wave, rate, second, 1.0)
