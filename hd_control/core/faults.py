@@ -1,0 +1,128 @@
+"""Faults: named values with code, joint, number and limit. The hot loop keeps numbers; text is made outside of it.
+
+HD-F18 node_killed joint_3: input age 10 samples >= 10 samples. Check that the sending node lives; then call reset.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+class Action(enum.IntEnum):
+    """Reactions, weakest first. Several faults at once: the strongest wins, and none replaces a stronger one."""
+
+    REFUSE = 0
+    REPORT = 1
+    DEGRADE = 2
+    CONTROLLED_STOP = 3
+    TORQUE_RAMP = 4
+
+
+class FaultCode(enum.IntEnum):
+    """Numbers of the fault table; the text form is HD-F01 and so on."""
+
+    FRAME_LOST = 1
+    STAMP_STUCK = 2
+    VALUE_FROZEN = 3
+    NOT_FINITE = 4
+    SPIKE = 5
+    WRAP = 6
+    POSITION_DISAGREE = 7
+    GAUGE_RAIL = 8
+    GAUGE_BRANCH = 9
+    GAUGE_DRIFT = 10
+    BUS_OFF = 11
+    SEND_FULL = 12
+    FRAME_BAD = 13
+    FOREIGN_ID = 14
+    CLOCK_JUMP = 15
+    SIM_CLOCK = 16
+    OVERRUN = 17
+    NODE_KILLED = 18
+    NODE_BACK = 19
+    PARAM_BAD = 20
+    PARAM_MOVING = 21
+    GOAL_BAD = 22
+    GOAL_SILENT = 23
+    TWO_PUBLISHERS = 24
+    MODEL_MISMATCH = 25
+    YAML_BAD = 26
+    BAG_DAMAGED = 27
+    BAG_FOREIGN = 28
+    BAG_HUGE = 29
+    DISK_FULL = 30
+    RECORDER_SLOW = 31
+    WEB_HOSTILE = 32
+    EXCEPTION = 33
+    ADAPTATION = 34
+    CONTACT = 35
+    OVERFLOW = 36
+    TORQUE_LIMITED = 37
+    RATE_LIMITED = 38
+    RATE_PERSISTENT = 39
+
+    @property
+    def text(self) -> str:
+        """Code and name as people read them, `HD-F07 position_disagree`."""
+        return f"HD-F{self.value:02d} {self.name.lower()}"
+
+
+@dataclass(frozen=True)
+class FaultKind:
+    """How a fault reads: what was compared, how, in which unit, and what to do about it."""
+
+    quantity: str
+    relation: str
+    unit: str
+    remedy: str
+
+
+KINDS: dict[FaultCode, FaultKind] = {
+    FaultCode.FRAME_LOST: FaultKind("sensor age", ">=", "samples", "Check the sensor and its wiring"),
+    FaultCode.STAMP_STUCK: FaultKind("stamp not advancing, tick", "<=", "", "Check that the source counts its ticks"),
+    FaultCode.NOT_FINITE: FaultKind("motor torque command", "against", "", "Look at the recorded inputs"),
+    FaultCode.POSITION_DISAGREE: FaultKind("|motor - joint position|", ">", "rad", "Check joint-sensor coupling"),
+    FaultCode.OVERRUN: FaultKind("late ticks in a row", ">=", "samples", "Lower the load of this computer"),
+    FaultCode.NODE_KILLED: FaultKind("input age", ">=", "samples", "Check that the sending node lives"),
+    FaultCode.NODE_BACK: FaultKind("run id changed", "!=", "", "Check why the sending node restarted"),
+    FaultCode.TWO_PUBLISHERS: FaultKind("publishers", ">", "", "Stop the second source of commands"),
+    FaultCode.EXCEPTION: FaultKind("exceptions", ">", "", "Report the recorded traceback"),
+    FaultCode.ADAPTATION: FaultKind("time at the bound", ">", "s", "Check the bounds and the model of the joint"),
+    FaultCode.TORQUE_LIMITED: FaultKind("motor torque", "outside +-", "N m", "Lower gains or the speed of the motion"),
+    FaultCode.RATE_LIMITED: FaultKind(
+        "motor torque change", "outside +-", "N m", "Lower gains or check motor_torque_rate_limit"
+    ),
+    FaultCode.RATE_PERSISTENT: FaultKind("rate excesses in a row", ">=", "samples", "Look for a limit cycle"),
+}
+_OTHER = FaultKind("value", "against", "", "See the page of this fault")
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One finding of one sample. `joint` is an index, -1 if the fault belongs to no joint."""
+
+    code: FaultCode
+    joint: int
+    value: float
+    limit: float
+    action: Action
+
+    def text(self, joint_names: Sequence[str] = ()) -> str:
+        """Code, joint, value, limit and remedy in one line."""
+        kind = KINDS.get(self.code, _OTHER)
+        where = "" if self.joint < 0 else f" joint_{self.joint + 1}"
+        if 0 <= self.joint < len(joint_names):
+            where = f" {joint_names[self.joint]}"
+        unit = f" {kind.unit}" if kind.unit else ""
+        seen = f"{kind.quantity} {self.value:.6g}{unit} {kind.relation} {self.limit:.6g}{unit}"
+        if self.code is FaultCode.NOT_FINITE:
+            seen = f"{kind.quantity} {self.value:g} is not a finite number"
+        after = "; then call reset" if self.action >= Action.CONTROLLED_STOP else ""
+        return f"{self.code.text}{where}: {seen}. {kind.remedy}{after}."
+
+
+def strongest(faults: Sequence[Fault]) -> Action:
+    """The action that a list of faults demands; REFUSE, the weakest, for an empty list."""
+    return max((fault.action for fault in faults), default=Action.REFUSE)

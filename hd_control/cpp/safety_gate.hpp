@@ -1,0 +1,156 @@
+// Compiled twin of hd_control/control/safety_gate.py: the same comparisons in the same order, bit for bit.
+// The Python text is the reference; read that one to know what the gate does and why.
+#pragma once
+
+#include <cmath>
+
+#include "blocks.hpp"
+
+namespace hd {
+
+#define HD_GATE_LIMITS(FIELD)                                                                             \
+    FIELD(age_limit, 0, "samples", "inputs of this age or older stop the robot")                          \
+    FIELD(rate_excess_limit, 0, "samples", "rate excesses in a row that stop the robot")                  \
+    FIELD(reset_samples, 0, "samples", "healthy samples in a row before a reset is granted")              \
+    FIELD(standstill_velocity, 0, "rad/s", "a joint faster than this refuses a reset")                    \
+    FIELD(torque_limit, 1, "N m", "largest motor torque, output side")                                    \
+    FIELD(torque_step, 1, "N m", "largest change of motor torque from sample to sample")
+
+#define HD_GATE_STATE(FIELD)                                                                   \
+    FIELD(active, 0, "-", "1: torque may leave")                                               \
+    FIELD(stopped, 0, "-", "1: latched stop, torque ramps to zero")                            \
+    FIELD(brake_requested, 0, "-", "1 from the sample of the stop until the reset")            \
+    FIELD(stop_code, 0, "-", "fault code of the stop, 0 if none")                              \
+    FIELD(stop_joint, 0, "-", "joint index of the stop, -1 if none")                           \
+    FIELD(healthy_samples, 0, "samples", "healthy samples in a row")                           \
+    FIELD(last_torque, 1, "N m", "last torque that left the gate")                             \
+    FIELD(last_tick, 1, "-", "tick number of the last command used")                           \
+    FIELD(rate_excess_run, 1, "samples", "rate excesses in a row")                             \
+    FIELD(catch_up, 1, "samples", "samples left to reach the law after activation or reset")   \
+    FIELD(saturated_samples, 1, "samples", "samples limited in size since the start")          \
+    FIELD(rate_limited_samples, 1, "samples", "samples limited in rate since the start")
+
+HD_BLOCK(GateLimits, HD_GATE_LIMITS)
+HD_BLOCK(GateState, HD_GATE_STATE)
+
+constexpr double kLargestTick = 9007199254740992.0;  // 2^53: above it, ticks are no longer exact
+constexpr int kFaultFields = 5;                      // code, joint, value, limit, action
+constexpr int kFaultsPerJoint = 6;
+
+enum GateFault { kStampStuck = 2, kNotFinite = 4, kNodeKilled = 18, kTorqueLimited = 37, kRateLimited = 38, kRatePersistent = 39 };
+enum GateAction { kReport = 1, kTorqueRamp = 4 };
+
+struct GateFaults {
+    double* rows;
+    int count = 0;
+    void add(int code, int joint, double value, double limit, int action) {
+        double* row = rows + kFaultFields * count++;
+        row[0] = code;
+        row[1] = joint;
+        row[2] = value;
+        row[3] = limit;
+        row[4] = action;
+    }
+};
+
+struct SafetyGate {
+    const GateLimits& limits;
+    GateState& state;
+    GateFaults& faults;
+    const int joints;
+
+    // 1. finite  2. tick  3. age. Returns the first stopping code of the joint, 0 if it is healthy.
+    int check_input(double command, double age, double tick, int j, bool emitting) {
+        const int action = emitting ? kTorqueRamp : kReport;
+        int code = 0;
+        if (!(std::fabs(command) < INFINITY)) {
+            faults.add(kNotFinite, j, command, 0.0, action);
+            code = kNotFinite;
+        }
+        const bool known = 0.0 <= tick && tick <= kLargestTick;
+        const bool advances = known && tick > state.last_tick[j];
+        if (!advances) {
+            faults.add(kStampStuck, j, tick, state.last_tick[j], action);
+            if (code == 0) code = kStampStuck;
+        }
+        if (advances || (known && !emitting)) state.last_tick[j] = tick;
+        if (!(0.0 <= age && age < limits.age_limit[0])) {
+            faults.add(kNodeKilled, j, age, limits.age_limit[0], action);
+            if (code == 0) code = kNodeKilled;
+        }
+        return code;
+    }
+
+    void stop(int code, int j) {
+        if (state.stopped[0] != 0.0) return;
+        state.stopped[0] = 1.0;
+        state.brake_requested[0] = 1.0;
+        state.stop_code[0] = code;
+        state.stop_joint[0] = j;
+    }
+
+    // The last torque as a reference for the rate: bounded whatever the memory holds.
+    double reference(int j) const {
+        const double last = state.last_torque[j], limit = limits.torque_limit[j];
+        if (-limit <= last && last <= limit) return last;
+        return last > limit ? limit : (last < -limit ? -limit : 0.0);
+    }
+
+    double limit_command(double u, int j, double& run) {
+        const double limit = limits.torque_limit[j], last = reference(j);
+        if (!(-limit <= u && u <= limit)) {
+            faults.add(kTorqueLimited, j, u, limit, kReport);
+            state.saturated_samples[j] += 1.0;
+            u = u > 0.0 ? limit : -limit;
+        }
+        const double low = last - limits.torque_step[j], high = last + limits.torque_step[j];
+        if (low <= u && u <= high) {
+            run = 0.0;
+            state.catch_up[j] = 0.0;
+            return u;
+        }
+        faults.add(kRateLimited, j, u - last, limits.torque_step[j], kReport);
+        state.rate_limited_samples[j] += 1.0;
+        if (state.catch_up[j] > 0.0) {
+            state.catch_up[j] -= 1.0;
+        } else {
+            run += 1.0;
+        }
+        return u > high ? high : low;
+    }
+
+    double ramp(int j) const {
+        const double last = reference(j), step = limits.torque_step[j];
+        return last > step ? last - step : (last < -step ? last + step : 0.0);
+    }
+
+    void run(const double* command, const double* ages, const double* ticks, double* out) {
+        bool healthy = true;
+        const bool active = state.active[0] != 0.0;
+        const bool emitting = active && state.stopped[0] == 0.0;
+        for (int j = 0; j < joints; ++j) {
+            const int code = check_input(command[j], ages[j], ticks[j], j, emitting);
+            healthy = healthy && code == 0;
+            if (code != 0 && active) stop(code, j);
+        }
+        state.healthy_samples[0] = healthy ? state.healthy_samples[0] + 1.0 : 0.0;
+        if (active && state.stopped[0] == 0.0) limit_all(command, out);
+        for (int j = 0; j < joints; ++j) {
+            if (!active) out[j] = 0.0;
+            if (active && state.stopped[0] != 0.0) out[j] = ramp(j);
+        }
+        for (int j = 0; j < joints; ++j) state.last_torque[j] = out[j];
+    }
+
+    void limit_all(const double* command, double* out) {
+        for (int j = 0; j < joints; ++j) {
+            out[j] = limit_command(command[j], j, state.rate_excess_run[j]);
+            if (!(state.rate_excess_run[j] < limits.rate_excess_limit[0])) {
+                faults.add(kRatePersistent, j, state.rate_excess_run[j], limits.rate_excess_limit[0], kTorqueRamp);
+                stop(kRatePersistent, j);
+            }
+        }
+    }
+};
+
+}  // namespace hd

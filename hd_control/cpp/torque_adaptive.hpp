@@ -1,0 +1,218 @@
+// Adaptive joint torque control. Zhu, section III, with the corrections of the equation sheet.
+//
+//   code                                  paper       code                             paper
+//   joint_torque, joint_torque_required   tau, tau_r  desired_torsion                  y = F zeta^ tau_r   Zhu (5)
+//   motor_position, motor_velocity        phi, phi'   desired_motor_position           phi_d               Zhu (7)
+//   joint_position, joint_velocity        q, q'       required_motor_velocity          phi'_r              Zhu (8)
+//   motor_position_gain, torque_rate_gain lambda_phi, lambda_tau
+//   motor_velocity_gain, torque_gain      k_phi, k_tau
+//   damping_time, rotor_inertia           d, I*       torsional_compliance             zeta^
+//   coulomb_torque, friction_offset, viscous_positive, viscous_negative                theta^_1 .. theta^_4
+//   load_friction_linear, _quadratic      g_1, g_2    adaptation_gain_...              rho_i, rho_zeta
+//   velocity_error                        s = phi'_r - phi'
+//   N, KE                                 gear_ratio, kinematic error; theta_m = N phi
+#pragma once
+
+#include <cmath>
+
+#include "derivative.hpp"
+#include "kinematic_error.hpp"
+#include "projection.hpp"
+#include "torque_blocks.hpp"
+
+namespace hd {
+
+enum Law { kAdaptive = 0, kDirect = 1 };
+enum ComplianceDerivative { kLiteral = 0, kStiffnessOnly = 1, kFiltered = 2 };
+enum RateSource { kPlain = 0, kErrorFilter = 1 };
+
+inline double sign(double x) { return x > 0.0 ? 1.0 : (x < 0.0 ? -1.0 : 0.0); }
+
+// The law for one joint and one sample, in the order of the equation sheet, 3.2.
+struct TorqueStep {
+    const TorqueParams& p;
+    const TorqueSample& in;
+    const TorqueReference& ref;
+    TorqueOutput& out;
+    const int j;
+    const double T;
+    TorqueMemory m;
+
+    double D(double x, double& last, double& rate) const { return differentiate(x, last, rate, p.derivative_pole[0], T); }
+
+    // First sample: every filter sees a past equal to the present, so all rates start at zero.
+    void start() {
+        TorqueMemory fresh;
+        fresh.coulomb_torque = m.coulomb_torque;
+        fresh.friction_offset = m.friction_offset;
+        fresh.viscous_positive = m.viscous_positive;
+        fresh.viscous_negative = m.viscous_negative;
+        fresh.torsional_compliance = m.torsional_compliance;
+        m = fresh;
+        m.started = 1.0;
+        m.joint_velocity_last = in.joint_velocity[j];
+        m.joint_torque_last = in.joint_torque[j];
+        m.required_torque_last = ref.joint_torque_required[j];
+        m.desired_velocity_last = ref.desired_velocity[j];
+        m.joint_error_last = ref.desired_position[j] - in.joint_position[j];
+        m.motor_error_last = ref.desired_position[j] - in.motor_position[j];
+        m.torsional_compliance_last = m.torsional_compliance;
+        m.desired_torsion = m.torsional_compliance * ref.joint_torque_required[j];
+    }
+
+    // 1. Rates. Both sources are kept running, so a change of `rate_source` finds warm filters.
+    void rates() {
+        const double qd = ref.desired_position[j], qd_v = ref.desired_velocity[j];
+        const double slope = (qd_v - m.desired_velocity_last) / T;
+        const double qd_a = 0.5 * (3.0 * slope - m.desired_slope_last);
+        m.desired_velocity_last = qd_v;
+        m.desired_slope_last = slope;
+        double rate_last = m.joint_error_rate;
+        const double error_rate = D(qd - in.joint_position[j], m.joint_error_last, m.joint_error_rate);
+        const double error_acceleration = D(error_rate, rate_last, m.joint_error_acceleration);
+        const double motor_error_rate = D(qd - in.motor_position[j], m.motor_error_last, m.motor_error_rate);
+        const double plain_acceleration = D(in.joint_velocity[j], m.joint_velocity_last, m.joint_acceleration);
+        const bool plain = p.rate_source[0] == kPlain;
+        out.desired_acceleration[j] = qd_a;
+        out.joint_velocity[j] = plain ? in.joint_velocity[j] : qd_v - error_rate;
+        out.joint_acceleration[j] = plain ? plain_acceleration : qd_a - error_acceleration;
+        out.motor_velocity[j] = plain ? in.motor_velocity[j] : qd_v - motor_error_rate;
+        out.joint_torque_rate[j] = D(in.joint_torque[j], m.joint_torque_last, m.joint_torque_rate);
+        out.required_torque_rate[j] = D(ref.joint_torque_required[j], m.required_torque_last, m.required_torque_rate);
+    }
+
+    // 3. y, y', y'' of the wanted torsion, three ways (equation sheet 3.3).
+    void torsion() {
+        const double zeta = m.torsional_compliance, zeta_rate = (zeta - m.torsional_compliance_last) / T;
+        const double tau_r = ref.joint_torque_required[j], d = p.damping_time[j];
+        const double x = zeta * tau_r, x_rate = zeta * out.required_torque_rate[j] + zeta_rate * tau_r;
+        const double old = m.desired_torsion;
+        const double step_rate = (x - old) / (d + T);
+        const double y = old + T * step_rate;
+        double y_last = old;
+        const double smooth_rate = D(y, y_last, m.desired_torsion_rate);
+        const double smooth_acceleration = D((y - old) / T, m.raw_torsion_rate_last, m.desired_torsion_acceleration);
+        m.desired_torsion = y;
+        m.torsional_compliance_last = zeta;
+        const int variant = static_cast<int>(p.compliance_derivative[0]);
+        out.desired_torsion[j] = variant == kStiffnessOnly ? x : y;
+        out.desired_torsion_rate[j] = variant == kLiteral ? step_rate : (variant == kFiltered ? smooth_rate : x_rate);
+        out.desired_torsion_acceleration[j] =
+            variant == kLiteral ? (x_rate - step_rate) / d : (variant == kFiltered ? smooth_acceleration : 0.0);
+    }
+
+    // Zhu (7), with the known kinematic error taken off the wanted rotor motion; its rates use the reference velocity.
+    void desired_motion() {
+        KinematicError ke;
+        const double N = p.gear_ratio[j], v = ref.desired_velocity[j], a = out.desired_acceleration[j];
+        if (p.kinematic_feedforward[0] != 0.0) {
+            ke = kinematic_error(N * in.motor_position[j], &p.kinematic_cosine[kHarmonics * j],
+                                 &p.kinematic_sine[kHarmonics * j]);
+        }
+        out.kinematic_error[j] = ke.value;
+        out.kinematic_error_rate[j] = N * ke.slope * v;
+        out.kinematic_error_acceleration[j] = N * N * ke.curvature * v * v + N * ke.slope * a;
+        out.desired_motor_position[j] = in.joint_position[j] + out.desired_torsion[j] - out.kinematic_error[j];
+        out.desired_motor_velocity[j] = out.joint_velocity[j] + out.desired_torsion_rate[j] - out.kinematic_error_rate[j];
+        out.desired_motor_acceleration[j] =
+            out.joint_acceleration[j] + out.desired_torsion_acceleration[j] - out.kinematic_error_acceleration[j];
+    }
+
+    // Zhu (8) and its derivative.
+    void required_motion() {
+        out.motor_position_error[j] = out.desired_motor_position[j] - in.motor_position[j];
+        out.motor_velocity_error[j] = out.desired_motor_velocity[j] - out.motor_velocity[j];
+        out.joint_torque_error[j] = ref.joint_torque_required[j] - in.joint_torque[j];
+        const double torque_error_rate = out.required_torque_rate[j] - out.joint_torque_rate[j];
+        out.required_motor_velocity[j] = out.desired_motor_velocity[j] + p.motor_position_gain[j] * out.motor_position_error[j] +
+                                         p.torque_rate_gain[j] * out.joint_torque_error[j];
+        out.required_motor_acceleration[j] = out.desired_motor_acceleration[j] +
+                                             p.motor_position_gain[j] * out.motor_velocity_error[j] +
+                                             p.torque_rate_gain[j] * torque_error_rate;
+        out.velocity_error[j] = out.required_motor_velocity[j] - out.motor_velocity[j];
+    }
+
+    // 4. Zhu (9), (10): the motor torque as a sum of terms, then the limit of the drive.
+    void torque() {
+        const double v = out.required_motor_velocity[j], tau = in.joint_torque[j], load = std::fabs(tau);
+        out.friction_load_factor[j] = 1.0 + p.load_friction_linear[j] * load + p.load_friction_quadratic[j] * load * load;
+        out.inertia_torque[j] = p.rotor_inertia[j] * out.required_motor_acceleration[j];
+        out.coulomb_feedforward[j] = out.friction_load_factor[j] * sign(v) * m.coulomb_torque;
+        out.offset_feedforward[j] = m.friction_offset;
+        out.viscous_feedforward[j] = v > 0.0 ? v * m.viscous_positive : v * m.viscous_negative;
+        out.velocity_feedback[j] = p.motor_velocity_gain[j] * out.velocity_error[j];
+        out.joint_torque_feedforward[j] = ref.joint_torque_required[j];
+        out.torque_feedback[j] = p.torque_gain[j] * out.joint_torque_error[j];
+        const double wanted = out.inertia_torque[j] + out.coulomb_feedforward[j] + out.offset_feedforward[j] +
+                              out.viscous_feedforward[j] + out.velocity_feedback[j] + out.joint_torque_feedforward[j] +
+                              out.torque_feedback[j];
+        out.motor_torque[j] = limited(wanted);
+        out.saturation_torque[j] = out.motor_torque[j] - wanted;
+    }
+
+    // 5. Zhu (11)-(14): the estimates follow; frozen estimates keep their bits as long as they are inside their bounds.
+    void adapt() {
+        const double v = out.required_motor_velocity[j], s = out.velocity_error[j];
+        out.coulomb_torque_drive[j] = s * out.friction_load_factor[j] * sign(v);
+        out.compliance_drive[j] = -(1.0 + p.torque_gain[j]) * ref.joint_torque_required[j] *
+                                  (out.motor_velocity_error[j] + p.motor_position_gain[j] * out.motor_position_error[j]);
+        const double f = p.adapt_friction[0] != 0.0 ? 1.0 : 0.0, c = p.adapt_compliance[0] != 0.0 ? 1.0 : 0.0;
+        m.coulomb_torque = project(m.coulomb_torque, f * out.coulomb_torque_drive[j], p.adaptation_gain_coulomb[j],
+                                   p.coulomb_torque_low[j], p.coulomb_torque_high[j], T);
+        m.friction_offset = project(m.friction_offset, f * s, p.adaptation_gain_offset[j], p.friction_offset_low[j],
+                                    p.friction_offset_high[j], T);
+        m.viscous_positive = project(m.viscous_positive, f * s * (v > 0.0 ? v : 0.0), p.adaptation_gain_viscous[j],
+                                     p.viscous_low[j], p.viscous_high[j], T);
+        m.viscous_negative = project(m.viscous_negative, f * s * (v < 0.0 ? v : 0.0), p.adaptation_gain_viscous[j],
+                                     p.viscous_low[j], p.viscous_high[j], T);
+        m.torsional_compliance = project(m.torsional_compliance, c * out.compliance_drive[j], p.adaptation_gain_compliance[j],
+                                         p.torsional_compliance_low[j], p.torsional_compliance_high[j], T);
+    }
+
+    // Not a number stays what it is: the safety gate must see it.
+    double limited(double u) const { return u != u ? u : clip(u, -p.motor_torque_limit[j], p.motor_torque_limit[j]); }
+
+    void adaptive() {
+        if (m.started == 0.0) start();
+        rates();
+        torsion();
+        desired_motion();
+        required_motion();
+        torque();
+        show_estimates();
+        adapt();
+    }
+
+    void show_estimates() const {
+        out.coulomb_torque[j] = m.coulomb_torque;
+        out.friction_offset[j] = m.friction_offset;
+        out.viscous_positive[j] = m.viscous_positive;
+        out.viscous_negative[j] = m.viscous_negative;
+        out.torsional_compliance[j] = m.torsional_compliance;
+    }
+
+    // The required torque goes to the motor as it is; the adaptive filters restart when the law comes back.
+    void direct() {
+        m.started = 0.0;
+        show_estimates();
+        out.joint_torque_feedforward[j] = ref.joint_torque_required[j];
+        out.motor_torque[j] = limited(ref.joint_torque_required[j]);
+        out.saturation_torque[j] = out.motor_torque[j] - ref.joint_torque_required[j];
+    }
+};
+
+// All joints. A joint whose inputs give no finite torque says so in its output and keeps its memory as it was.
+inline void torque_step(const TorqueParams& p, TorqueState& state, const TorqueSample& in, const TorqueReference& ref,
+                        TorqueOutput& out, int joints, double dt) {
+    for (int j = 0; j < joints; ++j) {
+        TorqueStep law{p, in, ref, out, j, dt, load_memory(state, j)};
+        if (p.law[0] == kAdaptive) {
+            law.adaptive();
+        } else {
+            law.direct();
+        }
+        if (std::isfinite(out.motor_torque[j]) && is_finite(law.m)) store_memory(state, law.m, j);
+    }
+}
+
+}  // namespace hd
