@@ -5,7 +5,7 @@
     if codec.matches(payload):
         stamp_ns, arrays = codec.decode(payload)     # arrays["position"], (joints,)
 
-`frame_id` of every JointState of this package carries the run id of its publisher, a text of `RUN_ID_LENGTH` characters.
+`frame_id` of every JointState of this package carries the run id of its publisher, `RUN_ID_LENGTH` characters.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class TemperatureCodec(FixedCodec):
         frame_at = template.text(frame_id.encode("utf-8"))
         places = {"temperature": (template.doubles(1), 1), "variance": (template.doubles(1), 1)}
         super().__init__(TEMPERATURE, template, places, stamp_at, (frame_at, len(frame_id.encode("utf-8"))))
-        self._frame_id = frame_id
+        self._frame_id = self.joint_name = frame_id
 
 
 class ValuesCodec(FixedCodec):
@@ -169,7 +169,7 @@ def decode_message(type_name: str, buffer: Buffer) -> Any:
     """A rosbags message object from CDR bytes. Raises ValueError with the type for bytes that do not fit it."""
     try:
         return typestore().deserialize_cdr(bytes(buffer), type_name)
-    except Exception as error:  # noqa: BLE001 - the library leaks struct.error, UnicodeDecodeError, KeyError, AssertionError, …
+    except Exception as error:  # the library leaks struct.error, UnicodeDecodeError, KeyError, …
         raise ValueError(f"not a {type_name}: {type(error).__name__}: {error}") from None
 
 

@@ -1,8 +1,8 @@
 """Messages of a fixed layout: written into a template, read as numpy columns. The types are in `cdr.py`.
 
-CDR is little-endian XCDR1 with the four-byte encapsulation header `00 01 00 00`; alignment counts from the byte after it.
-Once joint names and the length of `frame_id` are fixed, every message of a topic has the same layout, so a message is
-the template with some bytes replaced, and a whole recording is one 2-D byte array.
+CDR is little-endian XCDR1 with the four-byte encapsulation header `00 01 00 00`; alignment counts from the byte after
+it. Once joint names and the length of `frame_id` are fixed, every message of a topic has the same layout, so a message
+is the template with some bytes replaced, and a whole recording is one 2-D byte array.
 
 rclpy leaves the padding bytes uninitialised and appends up to 8 unused bytes after a JointState with empty arrays; both
 are ignored here and written as zeros, respectively not at all.
@@ -11,9 +11,8 @@ are ignored here and written as zeros, respectively not at all.
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -90,6 +89,8 @@ class FixedCodec:
         self._doubles = (self.size - self._first) // 8
         starts = {name: ((at - self._first) // 8, number) for name, (at, number) in places.items()}
         self._slices = {name: slice(start, start + number) for name, (start, number) in starts.items()}
+        self.fixed_bytes = self._fixed.to_bytes(self.size, "little")
+        self.mask_bytes = self._mask.to_bytes(self.size, "little")
         self._message = template.data
         self._targets = {name: np.frombuffer(self._message, "<f8", n, at) for name, (at, n) in places.items()}
         self._frame_id: str | None = None
@@ -176,9 +177,8 @@ class FixedCodec:
     def matching(self, buffers: Sequence[Buffer] | ByteArray) -> NDArray[np.bool_]:
         """(n,) True where a message has exactly this layout."""
         rows = self.rows(buffers)
-        mask = np.frombuffer(self._mask.to_bytes(self.size, "little"), np.uint8)
-        fixed = np.frombuffer(self._fixed.to_bytes(self.size, "little"), np.uint8)
-        where = np.flatnonzero(mask)
+        fixed = np.frombuffer(self.fixed_bytes, np.uint8)
+        where = np.flatnonzero(np.frombuffer(self.mask_bytes, np.uint8))
         if rows.shape[1] > self.size + SURPLUS:
             return np.zeros(len(rows), bool)
         good: NDArray[np.bool_] = (rows[:, where] == fixed[where]).all(axis=1)
@@ -187,13 +187,17 @@ class FixedCodec:
     def columns(self, buffers: Sequence[Buffer] | ByteArray) -> MessageColumns:
         """Many messages at once; layout as in `matches`, not checked again. Arrays are (n, numbers), contiguous."""
         rows = self.rows(buffers)
+        return self.columns_from(lambda at, width: np.ascontiguousarray(rows[:, at : at + width]))
+
+    def columns_from(self, take: Callable[[int, int], ByteArray]) -> MessageColumns:
+        """Like `columns`, from `take(at, width)` that gives (n, width) bytes at a place within each message."""
         stamps, frames = None, None
         if self._stamp_at is not None:
-            stamps = _take(rows, self._stamp_at, 4, "<i4").astype(np.int64)[:, 0] * _SECOND
-            stamps += _take(rows, self._stamp_at + 4, 4, "<u4")[:, 0]
+            stamps = take(self._stamp_at, 4).view("<i4").astype(np.int64)[:, 0] * _SECOND
+            stamps += take(self._stamp_at + 4, 4).view("<u4")[:, 0]
         if self._frame is not None and self._frame[1]:
-            frames = _take(rows, *self._frame, f"S{self._frame[1]}")[:, 0]
-        values = {name: _take(rows, at, 8 * number, "<f8") for name, (at, number) in self._places.items()}
+            frames = take(*self._frame).view(f"S{self._frame[1]}")[:, 0]
+        values = {name: take(at, 8 * number).view("<f8") for name, (at, number) in self._places.items() if number}
         return MessageColumns(stamps, frames, values)
 
     def encode_columns(self, stamps_ns: ArrayLike, frame_id: str = "", **values: ArrayLike) -> ByteArray:
@@ -217,6 +221,3 @@ class FixedCodec:
             rows[:, at : at + 8 * number] = data.view(np.uint8)
         return rows
 
-
-def _take(rows: ByteArray, at: int, width: int, dtype: str) -> NDArray[Any]:
-    return np.ascontiguousarray(rows[:, at : at + width]).view(dtype)

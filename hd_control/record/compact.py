@@ -1,0 +1,93 @@
+"""Rewrites a closed plain file into chunks, zstd and CRC: a new file, compared with the old one, then renamed."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hd_control import _records
+from hd_control.core.errors import BagError
+from hd_control.record.mcap_file import MESSAGE, McapFile
+from hd_control.record.mcap_source import Block, McapSource
+
+Digests = dict[int, Any]
+
+
+class _GivenUp(Exception):
+    """The caller wants the plain file to stay."""
+
+
+def compact_file(path: Path, give_up: Callable[[], bool] | None = None) -> bool:
+    """Replaces the MCAP file by its compact form; True if done.
+
+    The plain file stays if anything is not equal, if there is no space, or if `give_up()` becomes true. Raises BagError
+    only if the compared files differ, which is a defect.
+    """
+    target = path.with_name(path.name + ".compact.mcap.tmp")
+    try:
+        source = McapSource(path)
+        written = _write(source, target, give_up)
+        if _digests(McapSource(target)) != written:
+            raise BagError(f"{path}: the compact copy differs from the recording; the recording stays as it is")
+        os.replace(target, path)
+        return True
+    except (OSError, _GivenUp):
+        return False
+    finally:
+        target.unlink(missing_ok=True)
+
+
+def _write(source: McapSource, target: Path, give_up: Callable[[], bool] | None) -> dict[int, str]:
+    digests: Digests = {}
+    with target.open("xb", buffering=0) as raw:
+        file = McapFile(raw)
+        numbers = _copy_descriptions(source, file)
+        for name, metadata in source.metadata.items():
+            file.add_metadata(name, metadata)
+        for name, attachment in source.attachment_records().items():
+            file.add_attachment(name, attachment.media_type, attachment.data, attachment.log_time)
+        for block in source.blocks(list(source.topics)):
+            if give_up is not None and give_up():
+                raise _GivenUp
+            for channel in np.unique(block.channel).tolist():
+                part = block.select(block.channel == channel)
+                data, places = _records_of(part)
+                digests.setdefault(channel, hashlib.sha256()).update(data)
+                file.add_chunk(numbers[channel], data, part.log_time_ns, places)
+        file.finish()
+        os.fsync(raw.fileno())
+    return {channel: digest.hexdigest() for channel, digest in digests.items()}
+
+
+def _copy_descriptions(source: McapSource, file: McapFile) -> dict[int, int]:
+    """Schemas and channels in the order of their numbers, so that message records can be copied as they are."""
+    schemas = {s.id: file.add_schema(s.name, s.data.decode("utf-8")) for s in source.schema_records()}
+    numbers = {}
+    for channel in source.channel_records():
+        numbers[channel.id] = file.add_channel(channel.topic, schemas[channel.schema_id], dict(channel.metadata))
+        if numbers[channel.id] != channel.id:
+            raise OSError("channel numbers with holes cannot be copied")
+    return numbers
+
+
+def _records_of(part: Block) -> tuple[bytes, np.ndarray[Any, np.dtype[np.int64]]]:
+    lengths = part.length + MESSAGE.size
+    places = np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64)
+    if (part.length == part.length[0]).all():
+        return _records.take(part.buffer, part.offset - MESSAGE.size, 0, int(lengths[0])).tobytes(), places
+    pairs = zip((part.offset - MESSAGE.size).tolist(), lengths.tolist(), strict=True)
+    return b"".join(bytes(part.buffer[at : at + length]) for at, length in pairs), places
+
+
+def _digests(source: McapSource) -> dict[int, str]:
+    digests: Digests = {}
+    for block in source.blocks(list(source.topics)):
+        for channel in np.unique(block.channel).tolist():
+            data, _ = _records_of(block.select(block.channel == channel))
+            digests.setdefault(channel, hashlib.sha256()).update(data)
+    return {channel: digest.hexdigest() for channel, digest in digests.items()} if not source.problems else {}

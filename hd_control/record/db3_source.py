@@ -1,0 +1,73 @@
+"""A .db3 file (or another rosbag2 storage that rosbags reads), with the same face as an MCAP file."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hd_control.core.errors import BagError
+from hd_control.record.mcap_source import Block
+from hd_control.record.problems import Problem
+
+BLOCK_MESSAGES = 1 << 14
+
+
+class Db3Source:
+    """Topics, counts and message blocks of a .db3 file; it carries neither attachments nor checksums."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises BagError if rosbags cannot open it."""
+        from rosbags.rosbag2 import Reader
+
+        if not path.exists():
+            raise BagError(f"{path}: no such file; check the path")
+        self.path, self.problems = path, list[Problem]()
+        self.closed, self.checksums = True, False
+        self.metadata: dict[str, dict[str, str]] = {}
+        try:
+            self._reader = Reader(path)
+            self._reader.open()
+            connections = list(self._reader.connections)
+        except Exception as error:  # the library leaks errors of sqlite, yaml and its own
+            raise BagError(f"{path}: cannot be read as a bag ({type(error).__name__}: {error}); copy it anew") from None
+        self._connections = {connection.id: connection for connection in connections}
+        self.topics = {number: connection.topic for number, connection in self._connections.items()}
+        self.types = {number: connection.msgtype for number, connection in self._connections.items()}
+        self.counts = Counter({number: int(c.msgcount) for number, c in self._connections.items()})
+
+    def definition(self, channel: int) -> str:
+        """The message definition text of a topic; empty if the file has none."""
+        connection = self._connections.get(channel)
+        return str(connection.msgdef.data) if connection else ""
+
+    def attachment_records(self) -> dict[str, Any]:
+        """None in this format."""
+        return {}
+
+    def blocks(self, channels: Collection[int]) -> Iterator[Block]:
+        """The messages of some topics, a bounded number at a time."""
+        wanted = [self._connections[number] for number in channels if number in self._connections]
+        batch: list[tuple[int, int, bytes]] = []
+        try:
+            for connection, time_ns, data in self._reader.messages(wanted) if wanted else ():
+                batch.append((connection.id, time_ns, bytes(data)))
+                if len(batch) == BLOCK_MESSAGES:
+                    yield _block(batch)
+                    batch = []
+        except Exception as error:  # as above
+            self.problems.append(Problem(f"reading stopped ({type(error).__name__}: {error})", self.path.name))
+        if batch:
+            yield _block(batch)
+
+
+def _block(batch: list[tuple[int, int, bytes]]) -> Block:
+    lengths = np.array([len(data) for _, _, data in batch], np.int64)
+    times = np.array([time_ns for _, time_ns, _ in batch], np.int64)
+    offsets = np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64)
+    channel = np.array([number for number, _, _ in batch], np.int64)
+    data = b"".join(payload for _, _, payload in batch)
+    return Block(data, channel, np.zeros_like(channel), times, times, offsets, lengths)

@@ -1,0 +1,276 @@
+"""Writes bags: a rosbag2 directory (metadata.yaml version 9) with one MCAP file.
+
+    with BagWriter(path, metadata={"seed": "7"}) as bag:
+        bag.attach("robot.urdf", urdf)
+        bag.write("/encoder", stamp_ns, log_time_ns, payload)
+
+`live=True` appends message after message, so a killed process loses only what was not flushed; `close` then rewrites
+the file to its compact form (chunks, zstd, CRC), compares it and renames. `live=False` writes compact chunks at once:
+for simulation and import, also whole columns at a time.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hd_control.core.errors import BagError
+from hd_control.record import metadata_yaml
+from hd_control.record.accounting import TopicAccount, header_of
+from hd_control.record.bag_folder import make_folder, write_error
+from hd_control.record.fixed_cdr import Buffer, FixedCodec
+from hd_control.record.mcap_file import MESSAGE, McapFile, message_record, message_records
+from hd_control.record.provenance import provenance
+from hd_control.record.schema import message_definition, topic_info, type_hash
+
+FLUSH_NS = 20_000_000
+FLUSH_BYTES = 65_536
+CHUNK_BYTES = 1 << 20
+SESSION, ACCOUNTING = "hd_session", "hd_accounting"
+
+
+@dataclass
+class _Channel:
+    """One topic of the file, with what is not written yet when chunks are used."""
+
+    topic: str
+    type_name: str
+    number: int
+    latched: bool
+    account: TopicAccount
+    records: bytearray = field(default_factory=bytearray)
+    times: list[int] = field(default_factory=list)
+    offsets: list[int] = field(default_factory=list)
+
+
+class BagWriter:
+    """A recording being written. Not thread-safe; reads no clock but once for the start time, if none is given."""
+
+    def __init__(self, path: str | Path, *, live: bool = True, compact: bool = True, force: bool = False,
+                 metadata: Mapping[str, str] | None = None, start_time_utc: str | None = None) -> None:
+        """Creates the directory `path`; its parent must exist. Raises BagError if it cannot, or if `path` exists.
+
+        `force` replaces an existing bag, never anything else. `metadata` are texts for the session record: seed, run
+        ids, configuration. With `start_time_utc` given, equal runs make equal files.
+        """
+        self.path = Path(path)
+        self.live, self.compact, self.failed, self.closed = live, compact, "", False
+        make_folder(self.path, force)
+        self.file_path = self.path / f"{self.path.name}_0.mcap"
+        self._channels: dict[str, _Channel] = {}
+        self._schemas: dict[str, int] = {}
+        self._first_pending_ns, self._has_pending = 0, False
+        try:
+            self._raw = self.file_path.open("xb", buffering=0)
+        except OSError as error:
+            raise write_error(self.file_path, error) from None
+        self._file = McapFile(self._raw)
+        self.set_metadata(SESSION, {**provenance(start_time_utc), **(metadata or {})})
+        self.flush()
+
+    @property
+    def accounts(self) -> dict[str, TopicAccount]:
+        """The counts of each topic; a recorder adds its drops here."""
+        return {topic: channel.account for topic, channel in self._channels.items()}
+
+    def add_topic(self, topic: str, type_name: str = "", definition: str = "", period_ns: int | None = None) -> None:
+        """Announces a topic. Type, definition and period come from the schema if not given.
+
+        Raises BagError for a topic that is not in the schema and comes without a type.
+        """
+        name = "/" + topic.strip("/")
+        if name in self._channels:
+            return
+        known = topic_info(name)
+        type_name = type_name or (known.type_name if known else "")
+        if not type_name:
+            raise BagError(f"{name}: not a topic of this package; call add_topic with its type first")
+        definition = definition or message_definition(type_name)
+        latched = bool(known and known.latched)
+        if type_name not in self._schemas:
+            self._schemas[type_name] = self._file.add_schema(type_name, definition)
+        metadata = {"offered_qos_profiles": metadata_yaml.dump([metadata_yaml.qos_profile(latched)]),
+                    "topic_type_hash": _hash_or_empty(type_name)}
+        number = self._file.add_channel(name, self._schemas[type_name], metadata)
+        period = (known.period_ns if known else 0) if period_ns is None else period_ns
+        self._channels[name] = _Channel(name, type_name, number, latched, TopicAccount(period))
+
+    def write(self, topic: str, stamp_ns: int | None, log_time_ns: int, payload: Buffer) -> None:
+        """One message. `stamp_ns` None: taken from its header, else the log time. Raises BagError if it cannot."""
+        channel = self._channel(topic)
+        stamp, frame_id = header_of(channel.type_name, payload)
+        if stamp_ns is None:
+            stamp_ns = log_time_ns if stamp is None else stamp
+        if not 0 <= log_time_ns < 1 << 63:
+            raise BagError(f"{topic}: log time {log_time_ns} ns is outside [0, 2^63)")
+        channel.account.see(stamp, frame_id)
+        sequence, publish_ns = channel.account.written & 0xFFFFFFFF, max(stamp_ns, 0)
+        if self.live:
+            self._file.add_message(channel.number, sequence, log_time_ns, publish_ns, payload)
+            channel.account.written += 1
+            self._flush_if_due(log_time_ns)
+            return
+        channel.offsets.append(len(channel.records))
+        channel.times.append(log_time_ns)
+        channel.records += message_record(channel.number, sequence, log_time_ns, publish_ns, payload)
+        channel.account.written += 1
+        if len(channel.records) >= CHUNK_BYTES:
+            self._guard(lambda: self._write_chunk(channel))
+
+    def write_columns(self, topic: str, codec: FixedCodec, stamps_ns: ArrayLike, log_times_ns: ArrayLike | None = None,
+                      frame_id: str = "", **values: ArrayLike) -> None:
+        """Many messages of a fixed layout; arrays are (n, numbers). Log times default to the stamps."""
+        channel = self._channel(topic)
+        if codec.type_name != channel.type_name:
+            raise BagError(f"{topic}: is {channel.type_name}, the codec makes {codec.type_name}")
+        stamps = np.asarray(stamps_ns, np.int64).reshape(-1)
+        logs = stamps if log_times_ns is None else np.asarray(log_times_ns, np.int64).reshape(-1)
+        if len(logs) != len(stamps) or (len(logs) and int(logs.min()) < 0):
+            raise BagError(f"{topic}: {len(logs)} log times for {len(stamps)} stamps, or a negative one")
+        arrays = {name: np.asarray(value, np.float64) for name, value in values.items()}
+        step = max(1, CHUNK_BYTES // (MESSAGE.size + codec.size))
+        self._guard(lambda: self._write_chunk(channel))
+        for begin in range(0, len(stamps), step):
+            part = slice(begin, begin + step)
+            rows = codec.encode_columns(stamps[part], frame_id, **{name: array[part] for name, array in arrays.items()})
+            records, places = message_records(channel.number, channel.account.written, logs[part], stamps[part], rows)
+            self._guard(partial(self._file.add_chunk, channel.number, records, logs[part], places))
+            channel.account.written += len(rows)
+        channel.account.see_many(stamps, frame_id.encode("utf-8"))
+
+    def attach(self, name: str, data: str | bytes, media_type: str = "text/plain", time_ns: int = 0) -> None:
+        """Carries a file inside the recording: parameters, URDF, model."""
+        payload = data.encode("utf-8") if isinstance(data, str) else data
+        self._check_open()
+        self._file.add_attachment(name, media_type, payload, time_ns)
+        self.flush()
+
+    def attach_file(self, path: str | Path, name: str = "") -> None:
+        """Attaches a file from disk. Raises BagError if it cannot be read."""
+        try:
+            data = Path(path).read_bytes()
+        except OSError as error:
+            raise BagError(f"{path}: cannot be attached ({error.strerror}); give a readable file") from None
+        self.attach(name or Path(path).name, data)
+
+    def set_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Writes a metadata record now; a later one of the same name replaces it for the reader."""
+        self._check_open()
+        self._file.add_metadata(name, {str(key): str(value) for key, value in values.items()})
+
+    def flush(self) -> None:
+        """Hands everything to the operating system: a kill then loses nothing. Call at least every 20 ms while live."""
+        self._guard(self._file.flush)
+        self._has_pending = False
+
+    def sync(self) -> None:
+        """Flushes, and waits for the disk: a power cut then loses nothing. Takes milliseconds."""
+        self.flush()
+        self._guard(lambda: os.fsync(self._raw.fileno()))
+
+    def close(self, reason: str = "", compact: bool | None = None, give_up: Callable[[], bool] | None = None) -> Path:
+        """Writes accounts, index and metadata.yaml, then the compact form if wanted. Returns the bag's path.
+
+        `give_up` is asked during the rewrite; true leaves the plain file. Raises BagError if the disk refuses.
+        """
+        if self.closed:
+            return self.path
+        self._check_open()
+        for channel in self._channels.values():
+            self._guard(partial(self._write_chunk, channel))
+        accounts = {name: json.dumps(account.as_dict()) for name, account in self.accounts.items()}
+        self.set_metadata(ACCOUNTING, accounts)
+        self.set_metadata("hd_close", {"reason": reason or "closed"})
+        self._guard(self._file.finish)
+        self._guard(lambda: os.fsync(self._raw.fileno()))
+        self._raw.close()
+        self.closed = True
+        self._write_yaml(accounts, reason)
+        if self.live and (self.compact if compact is None else compact):
+            from hd_control.record.compact import compact_file
+
+            compact_file(self.file_path, give_up)
+        return self.path
+
+    def abandon(self) -> None:
+        """Closes the file without index: what was written stays readable."""
+        self.closed = True
+        self._raw.close()
+
+    def _write_yaml(self, accounts: Mapping[str, str], reason: str) -> None:
+        topics = [
+            metadata_yaml.TopicEntry(c.topic, c.type_name, _hash_or_empty(c.type_name), c.account.written, c.latched)
+            for c in self._channels.values()]
+        custom = {ACCOUNTING: json.dumps({name: json.loads(text) for name, text in accounts.items()}),
+                  "close_reason": reason or "closed"}
+        info = metadata_yaml.document(self.file_path.name, topics, self._file.first_ns, self._file.last_ns, custom)
+        target = self.path / metadata_yaml.FILE_NAME
+        try:
+            temporary = target.with_suffix(".yaml.tmp")
+            temporary.write_text(metadata_yaml.dump({"rosbag2_bagfile_information": info}), "utf-8")
+            temporary.replace(target)
+        except OSError as error:
+            raise write_error(target, error) from None
+
+    def _channel(self, topic: str) -> _Channel:
+        self._check_open()
+        channel = self._channels.get(topic)
+        if channel is None:
+            name = "/" + topic.strip("/")
+            if name not in self._channels:
+                self.add_topic(name)
+            channel = self._channels[name]
+        return channel
+
+    def _write_chunk(self, channel: _Channel) -> None:
+        if channel.times:
+            data, times, offsets = bytes(channel.records), np.array(channel.times), np.array(channel.offsets)
+            channel.records, channel.times, channel.offsets = bytearray(), [], []
+            self._file.add_chunk(channel.number, data, times, offsets)
+
+    def _flush_if_due(self, log_time_ns: int) -> None:
+        if not self._has_pending:
+            self._first_pending_ns, self._has_pending = log_time_ns, True
+        waited = log_time_ns - self._first_pending_ns
+        if not 0 <= waited < FLUSH_NS or self._file.pending_bytes >= FLUSH_BYTES:
+            self.flush()
+
+    def _guard(self, action: Callable[[], object]) -> None:
+        try:
+            action()
+        except OSError as error:
+            self.failed = str(error.strerror or error)
+            raise write_error(self.file_path, error) from None
+
+    def _check_open(self) -> None:
+        if self.failed:
+            why = f"recording stopped ({self.failed}); what was written stays"
+            raise BagError(f"{self.file_path}: {why}, start a new bag")
+        if self.closed:
+            raise BagError(f"{self.file_path}: the bag is closed; start a new one")
+
+    def __enter__(self) -> BagWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self.failed:
+            self.abandon()
+        else:
+            self.close("error" if kind else "")
+
+
+def _hash_or_empty(type_name: str) -> str:
+    try:
+        return type_hash(type_name)
+    except KeyError:
+        return ""
