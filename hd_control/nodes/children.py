@@ -1,0 +1,83 @@
+"""Child processes that never outlive us: own process groups, SIGINT first, SIGKILL last, no orphan on Ctrl-C."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Mapping, Sequence
+from types import TracebackType
+from typing import Any, Self
+
+from hd_control.nodes.process import DISCOVERY
+
+_LIBC = ctypes.CDLL(None)
+_PR_SET_PDEATHSIG = 1
+GRACE = (3.0, 2.0, 2.0)
+
+
+def child_environment(domain: int | None = None, real_time: bool = True) -> dict[str, str]:
+    """Environment of node processes: discovery on this computer only, its own domain, priority on request."""
+    environment = dict(os.environ)
+    environment.setdefault(DISCOVERY, "LOCALHOST")
+    if domain is not None:
+        environment["ROS_DOMAIN_ID"] = str(domain)
+    if not real_time:
+        environment["HD_REAL_TIME"] = "off"
+    return environment
+
+
+def _die_with_parent() -> None:
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+class Children:
+    """Processes by name, started in their own groups; leaving the `with` block stops them all."""
+
+    def __init__(self, environment: Mapping[str, str]) -> None:
+        self._environment = dict(environment)
+        self.processes: dict[str, subprocess.Popen[Any]] = {}
+
+    def start(self, name: str, command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
+        """Starts one child. It gets SIGTERM from the kernel if this process dies."""
+        process = subprocess.Popen(
+            list(command), env=self._environment, start_new_session=True, preexec_fn=_die_with_parent, **options
+        )
+        self.processes[name] = process
+        return process
+
+    def dead(self) -> dict[str, int]:
+        """Exit codes of the children that have ended."""
+        return {name: p.returncode for name, p in self.processes.items() if p.poll() is not None}
+
+    def stop(self, order: Sequence[str] = ()) -> dict[str, int]:
+        """SIGINT to all, those of `order` first, then SIGTERM, then SIGKILL; returns every exit code."""
+        names = [*order, *(name for name in self.processes if name not in order)]
+        for number, grace in zip((signal.SIGINT, signal.SIGTERM, signal.SIGKILL), GRACE, strict=True):
+            for name in names:
+                self.signal(name, number)
+            end = time.monotonic() + grace
+            while time.monotonic() < end and len(self.dead()) < len(self.processes):
+                time.sleep(0.01)
+            if len(self.dead()) == len(self.processes):
+                break
+        return self.dead()
+
+    def signal(self, name: str, number: int) -> None:
+        """Sends a signal to one child that is still ours and alive."""
+        process = self.processes[name]
+        if process.poll() is None:
+            process.send_signal(number)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        while True:
+            try:
+                self.stop()
+                return
+            except KeyboardInterrupt:  # impatient second Ctrl-C: keep stopping, our children must not stay
+                continue

@@ -1,0 +1,31 @@
+"""`fusion_node`: three raw sensors to one state estimate. Exit codes: 0 stopped, 1 internal fault, 2 bad configuration."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from hd_control.nodes.process import run_node
+from hd_control.nodes.stage import Stage
+from hd_control.nodes.stage_shell import StageShell
+from hd_control.nodes.wiring import FUSION
+from hd_control.sensing import fusion
+
+
+class FusionNode(StageShell):
+    """One law."""
+
+    def __init__(self) -> None:
+        super().__init__("fusion_node", fusion.PARAMETERS)
+
+    def make_stages(self, values: Any) -> list[Stage]:
+        return [Stage(FUSION, fusion, self.robot, self.dt)]
+
+
+def main() -> int:
+    """Entry point."""
+    return run_node(FusionNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

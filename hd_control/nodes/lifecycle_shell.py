@@ -1,0 +1,204 @@
+"""The shell of every node: parameters, managed lifecycle, diagnostics, introspection, run id. No arithmetic.
+
+A node says which parameters it has, how to prepare a set of them, what to build on configure and what one turn of its
+fast loop is; the shell does the rest. States and transitions are those of `rclpy.lifecycle`.
+"""
+
+from __future__ import annotations
+
+import secrets
+import traceback
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from std_msgs.msg import String
+
+from hd_control.core.errors import HdError
+from hd_control.core.parameters import ParameterSet
+from hd_control.core.robot import Robot
+from hd_control.nodes.node_parameters import COMMON, shipped_values
+from hd_control.nodes.ros_loop import FastLoop, HandsOff, chain_qos, latched_qos
+from hd_control.nodes.ros_parameters import ParameterDesk
+from hd_control.record.cdr import ValuesCodec
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+class Shell(LifecycleNode):
+    """Base of all nodes. Raises ConfigError at construction if the parameters are not usable."""
+
+    subscriptions_waited = 16
+
+    def __init__(self, name: str, own: ParameterSet) -> None:
+        super().__init__(name)
+        self.run_id = secrets.token_hex(8)
+        self.group = HandsOff()
+        self.loop = FastLoop(self, self.subscriptions_waited)
+        self.fault = ""
+        self.active = False
+        self._configured = False
+        defaults = shipped_values(name)
+        given = getattr(self, "_parameter_overrides", {})
+        self.robot = Robot.from_file(str(given["robot"].value if "robot" in given else defaults["robot"]))
+        parameters = ParameterSet(name, COMMON.parameters + own.parameters, COMMON.rules + own.rules)
+        self.desk = ParameterDesk(
+            self, parameters, defaults, self.robot.joints, lambda: self.active, self.prepare, self._accept
+        )
+        self.values = self.desk.check()
+        self.dt = self.values["period"]
+        self.dt_ns = round(self.dt * 1e9)
+        self.adopt(self.prepare(self.values))
+        self.introspection: Introspection | None = None
+        self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", chain_qos(10))
+        self.create_timer(1.0, self.publish_diagnostics, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    # What a node provides ---------------------------------------------------------------------------------------
+
+    def prepare(self, values: Mapping[str, Any]) -> Any:
+        """What the loop needs, from a complete and valid set of values. Raises HdError. Changes nothing."""
+        return None
+
+    def adopt(self, prepared: Any) -> None:
+        """Takes over what `prepare` built; the loop sees it at its next tick."""
+
+    def build(self) -> Callable[[], None]:
+        """Creates topics; returns one turn of the loop."""
+        raise NotImplementedError
+
+    def begin(self) -> None:
+        """Fresh states before activation."""
+
+    def end(self) -> None:
+        """After the last tick of an activation."""
+
+    def dismantle(self) -> None:
+        """Destroys what `build` created; the loop is outside."""
+
+    def status(self) -> tuple[bytes, str, dict[str, Any]]:
+        """Level, one line and named values for diagnostics."""
+        return OK, "", {}
+
+    def emergency(self) -> None:
+        """After an exception in the loop or a callback: bring the outputs to a stop."""
+
+    # Lifecycle --------------------------------------------------------------------------------------------------
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        try:
+            self.values = self.desk.check()
+            self.adopt(self.prepare(self.values))
+            self.loop.install(self.build())
+        except HdError as error:
+            self.get_logger().error(f"not configured: {error}")
+            return TransitionCallbackReturn.FAILURE
+        self._configured = True
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        try:
+            self.begin()
+        except HdError as error:
+            self.get_logger().error(f"not activated: {error}")
+            return TransitionCallbackReturn.FAILURE
+        self.active = True
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self.active = False
+        self.end()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self.loop.remove()
+        self.dismantle()
+        self._configured = False
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        if self.active:
+            self.on_deactivate(state)
+        if self._configured:
+            self.on_cleanup(state)
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self.report_fault(RuntimeError("a lifecycle transition raised"))
+        return self.on_shutdown(state)
+
+    def start_by_itself(self) -> None:
+        """Parameter `autostart`: configure and activate without a manager."""
+        for trigger in (self.trigger_configure, self.trigger_activate):
+            if trigger() != TransitionCallbackReturn.SUCCESS:
+                return
+
+    def leave(self) -> None:
+        """Orderly end, after the loop has stopped."""
+        if self.active:
+            self.active = False
+            self.end()
+        if self._configured:
+            self.dismantle()
+
+    # Faults, diagnostics, parameters --------------------------------------------------------------------------------
+
+    def report_fault(self, error: BaseException) -> None:
+        """Keeps the first fault for the diagnostics and the exit code, and stops the outputs."""
+        if not self.fault:
+            self.fault = f"{type(error).__name__}: {error}"
+            self.get_logger().error("".join(traceback.format_exception(error)))
+        self.emergency()
+
+    def publish_diagnostics(self) -> None:
+        """Once a second: state, loop statistics, faults."""
+        if self.loop.error is not None:
+            error, self.loop.error = self.loop.error, None
+            self.report_fault(error)
+        level, message, values = self.status()
+        if self.fault:
+            level, message = ERROR, self.fault
+        elif not self.active and level == OK:
+            message = message or "not active"
+        values = {"run_id": self.run_id, "active": self.active, **values, "parameter_changes": self.desk.changes}
+        values |= {"parameter_refusals": self.desk.refusals, "last_refusal": self.desk.last_refusal}
+        status = DiagnosticStatus(level=level, name=self.get_fully_qualified_name(), message=message, hardware_id="hd_control")
+        status.values = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+
+    def _accept(self, values: dict[str, Any], prepared: Any) -> None:
+        self.values = values
+        self.adopt(prepared)
+        if self.introspection is not None:
+            self.introspection.on = values["introspection"]
+
+
+def _text(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+class Introspection:
+    """`<node>/introspection/names` (latched, one name a line) and `…/values`, switched by parameter `introspection`."""
+
+    def __init__(self, node: Shell, names: list[str]) -> None:
+        from std_msgs.msg import Float64MultiArray
+
+        base = f"{node.get_name()}/introspection"
+        self._names = node.create_publisher(String, f"{base}/names", latched_qos())
+        self._names.publish(String(data="\n".join(names)))
+        self._values = node.create_publisher(Float64MultiArray, f"{base}/values", chain_qos(100))
+        self._codec = ValuesCodec(len(names))
+        self.count = len(names)
+        self.on = bool(node.values["introspection"])
+
+    def publish(self, numbers: Any) -> None:
+        """One row; called in the loop only while `on`."""
+        self._values.handle.publish_raw(self._codec.encode(data=numbers))
+
+    def destroy(self, node: Shell) -> None:
+        """Removes both topics."""
+        node.destroy_publisher(self._names)
+        node.destroy_publisher(self._values)

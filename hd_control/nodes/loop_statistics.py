@@ -1,0 +1,55 @@
+"""What a loop did, counted in the loop with a few stores per tick and summed up outside it."""
+
+from __future__ import annotations
+
+import time
+from array import array
+
+import numpy as np
+
+RING = 8192
+
+
+class LoopStatistics:
+    """Counters and a ring of tick times of one loop.
+
+    The loop calls `tick`; any other thread may call `summary`. A torn reading of the ring costs one sample of a
+    percentile, never a wrong counter.
+    """
+
+    def __init__(self, dt_ns: int) -> None:
+        self.dt_ns = dt_ns
+        self.ticks = self.missed = self.incomplete = self.late = self.foreign = 0
+        self.last_tick: int | None = None
+        self.max_age_ns = 0
+        self._times = array("q", bytes(8 * RING))
+        self._busy = array("q", bytes(8 * RING))
+
+    def tick(self, tick: int, started_ns: int, finished_ns: int) -> None:
+        """Counts one tick; a step of more than one in the tick number is a gap and counts as missed ticks."""
+        if self.last_tick is not None and tick > self.last_tick + 1:
+            self.missed += tick - self.last_tick - 1
+        self.last_tick = tick
+        slot = self.ticks % RING
+        self._times[slot] = started_ns
+        self._busy[slot] = finished_ns - started_ns
+        self.ticks += 1
+
+    def age(self, stamp_ns: int) -> None:
+        """Notes how long after its scheduled time a sample was used (wall clock only)."""
+        self.max_age_ns = max(self.max_age_ns, time.time_ns() - stamp_ns)
+
+    def summary(self) -> dict[str, float]:
+        """Counters, and period and busy time of the last ticks as p50, p99 and maximum, in µs."""
+        counters = ("ticks", "missed", "incomplete", "late", "foreign")
+        found: dict[str, float] = {name: getattr(self, name) for name in counters}
+        found["max_age_us"] = self.max_age_ns / 1000.0
+        count = min(self.ticks, RING)
+        if count > 2:
+            start = self.ticks % RING if self.ticks > RING else 0
+            times = np.roll(np.array(self._times, dtype=np.int64), -start)[:count]
+            for name, values in (("period", np.diff(times)), ("busy", np.array(self._busy, dtype=np.int64)[:count])):
+                for label, q in (("p50", 50), ("p99", 99), ("max", 100)):
+                    found[f"{name}_{label}_us"] = float(np.percentile(values, q)) / 1000.0
+        self.max_age_ns = 0
+        return found

@@ -1,0 +1,58 @@
+"""What the operating system can do for a 1 kHz loop: priority, memory locking, core affinity, absolute deadlines.
+
+Everything here is optional and asked for before `rclpy.init`, so that the middleware's threads inherit it. What the
+system refuses is reported and the loop runs without it.
+
+Environment: `HD_REAL_TIME` = `auto` (default: take what is permitted) or `off`; `HD_AFFINITY` = list of cores, `0,1`.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+import time
+
+_LIBC = ctypes.CDLL(None, use_errno=True)
+_MCL_CURRENT, _MCL_FUTURE, _TIMER_ABSTIME = 1, 2, 1
+PRIORITY = 40
+SWITCH_INTERVAL = 1e-4
+
+
+class _Timespec(ctypes.Structure):
+    _fields_ = [("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long)]
+
+
+def request_real_time() -> list[str]:
+    """Takes SCHED_FIFO, locked memory and affinity where permitted; returns one line for each thing that was done.
+
+    A shorter interpreter switch interval keeps the executor thread from holding the loop up for the default 5 ms.
+    """
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    done = []
+    cores = os.environ.get("HD_AFFINITY", "")
+    if cores:
+        try:
+            os.sched_setaffinity(0, {int(core) for core in cores.split(",")})
+            done.append(f"cores {cores}")
+        except (OSError, ValueError) as error:
+            done.append(f"cores {cores} refused ({error})")
+    if os.environ.get("HD_REAL_TIME", "auto") == "off":
+        return [*done, "real time off"]
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        done.append(f"SCHED_FIFO {PRIORITY}")
+    except OSError:
+        done.append("SCHED_FIFO not permitted")
+    locked = _LIBC.mlockall(_MCL_CURRENT | _MCL_FUTURE) == 0
+    done.append("memory locked" if locked else "mlockall not permitted")
+    return done
+
+
+def sleep_until(deadline_ns: int) -> None:
+    """Sleeps until an absolute time of the monotonic clock, in nanoseconds; returns at once if it has passed."""
+    if deadline_ns <= time.monotonic_ns():
+        return
+    moment = _Timespec(deadline_ns // 1_000_000_000, deadline_ns % 1_000_000_000)
+    while _LIBC.clock_nanosleep(time.CLOCK_MONOTONIC, _TIMER_ABSTIME, ctypes.byref(moment), None) == 4:  # EINTR
+        pass

@@ -1,0 +1,251 @@
+"""The fast loop: raw messages in, one step, raw messages out, in the main thread and without the executor.
+
+A stock executor needs about half a millisecond per callback, so at 1 kHz over four processes it misses nearly every
+tick. Here the subscriptions belong to a callback group that the executor may never run; the loop waits on them itself,
+as `rclpy/wait_for_message.py` does, and takes the serialised bytes. An executor in a second thread serves parameters,
+lifecycle, goals and diagnostics; nothing in the loop logs.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Collection, Sequence
+from typing import Any
+
+import numpy as np
+from rclpy.callback_groups import CallbackGroup
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState, Temperature
+
+from hd_control.nodes.joiner import Joiner
+from hd_control.nodes.loop_statistics import LoopStatistics
+from hd_control.nodes.topics import TEMPERATURE
+from hd_control.record.cdr import TemperatureCodec
+from hd_control.record.schema import joint_state_codec
+
+WAIT_NS = 100_000_000
+
+
+class HandsOff(CallbackGroup):
+    """A callback group whose entities the executor never waits for and never runs."""
+
+    def can_execute(self, entity: Any) -> bool:
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        pass
+
+
+def chain_qos(depth: int = 1) -> QoSProfile:
+    """Reliable, volatile, keep last `depth` (1 on the chain: only the newest sample counts)."""
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def latched_qos() -> QoSProfile:
+    """Reliable, keep last 1, given to late joiners as well."""
+    return QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class RawInput:
+    """A JointState topic taken as bytes. The first run id seen is bound; messages of another one are foreign.
+
+    `joint_names` are all joints of the robot, in order. A message of any other layout is deserialised and mapped by
+    name, which costs ten times as much.
+    """
+
+    def __init__(self, node: Node, topic: str, joint_names: Sequence[str], group: HandsOff, depth: int = 1) -> None:
+        self.topic, self.joint_names = topic, tuple(joint_names)
+        self.codec = joint_state_codec(topic, self.joint_names)
+        self.subscription = node.create_subscription(
+            JointState, topic, lambda _: None, chain_qos(depth), callback_group=group, raw=True
+        )
+        self._take = self.subscription.handle.take_message
+        self.run_id: str | None = None
+        self.foreign = 0
+
+    def take(self) -> tuple[int, dict[str, Any]] | None:
+        """(stamp in ns, arrays by name) of the oldest message waiting, or None."""
+        while (taken := self._take(JointState, True)) is not None:
+            data = taken[0]
+            if self.codec.matches(data):
+                run_id = self.codec.frame_id(data)
+                if self.run_id is None:
+                    self.run_id = run_id
+                if run_id == self.run_id:
+                    return self.codec.decode(data)
+            elif (found := self._foreign_layout(data)) is not None:
+                return found
+            self.foreign += 1
+        return None
+
+    def _foreign_layout(self, data: bytes) -> tuple[int, dict[str, Any]] | None:
+        """Another program's message: used only while no run id is bound, mapped by joint name."""
+        message = deserialize_message(data, JointState)
+        names = list(message.name)
+        if self.run_id not in (None, message.header.frame_id) or not set(self.joint_names) <= set(names):
+            return None
+        self.run_id = message.header.frame_id
+        order = [names.index(name) for name in self.joint_names]
+        arrays = {}
+        for field in ("position", "velocity", "effort"):
+            numbers = np.array(getattr(message, field))
+            arrays[field] = numbers[order] if len(numbers) == len(names) else np.full(len(order), np.nan)
+        return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec, arrays
+
+    def release(self) -> None:
+        """Forgets the bound run id: the next publisher is accepted (activation and reset only)."""
+        self.run_id = None
+
+
+class TemperatureInput:
+    """`motor_temperature`: one message per joint now and then. The newest value of every joint is held, in °C."""
+
+    def __init__(self, node: Node, joint_names: Sequence[str], group: HandsOff) -> None:
+        self._codecs = [TemperatureCodec(name) for name in joint_names]
+        self.subscription = node.create_subscription(
+            Temperature, TEMPERATURE, lambda _: None, chain_qos(2 * len(joint_names)), callback_group=group, raw=True
+        )
+        self._take = self.subscription.handle.take_message
+        self.values = {"temperature": np.full(len(joint_names), np.nan)}
+
+    def drain(self) -> dict[str, Any]:
+        """Takes what is waiting; returns the arrays for the bus."""
+        while (taken := self._take(Temperature, True)) is not None:
+            for index, codec in enumerate(self._codecs):
+                if codec.matches(taken[0]):
+                    self.values["temperature"][index] = codec.decode(taken[0])[1]["temperature"][0]
+        return self.values
+
+
+class Waiter:
+    """Waits on chosen subscriptions and on a guard condition that ends every wait."""
+
+    def __init__(self, node: Node, subscriptions: int) -> None:
+        self._guard = _rclpy.GuardCondition(node.context.handle)
+        self._set = _rclpy.WaitSet(subscriptions, 1, 0, 0, 0, 0, node.context.handle)
+
+    def wait(self, handles: Sequence[Any], timeout_ns: int = WAIT_NS) -> None:
+        """Returns when one of the subscriptions has a message, after `wake`, or after the timeout."""
+        wait_set = self._set
+        wait_set.clear_entities()
+        for handle in handles:
+            wait_set.add_subscription(handle)
+        wait_set.add_guard_condition(self._guard)
+        wait_set.wait(timeout_ns)
+
+    def wake(self) -> None:
+        """Ends the present or the next wait; may be called from any thread."""
+        self._guard.trigger_guard_condition()
+
+
+class FastLoop:
+    """Runs the installed turn again and again in the calling thread until `stop`."""
+
+    def __init__(self, node: Node, subscriptions: int = 8) -> None:
+        self.waiter = Waiter(node, subscriptions)
+        self.error: BaseException | None = None
+        self._turn: Callable[[], None] | None = None
+        self._stopping = False
+        self._outside = threading.Event()
+
+    def run(self) -> None:
+        """Blocks until `stop`. An exception of a turn is kept in `error`, the turn is removed, the loop goes on."""
+        while not self._stopping:
+            turn = self._turn
+            if turn is None:
+                self._outside.set()
+                self.waiter.wait(())
+                continue
+            try:
+                turn()
+            except Exception as error:  # F33: the node lives on; the shell reports it
+                self.error, self._turn = error, None
+        self._outside.set()
+
+    @property
+    def stopping(self) -> bool:
+        """True once `stop` was called."""
+        return self._stopping
+
+    def install(self, turn: Callable[[], None]) -> None:
+        """Makes `turn` the work of the loop."""
+        self.error = None
+        self._outside.clear()
+        self._turn = turn
+        self.waiter.wake()
+
+    def remove(self, timeout: float = 2.0) -> None:
+        """Takes the work away and waits until the loop is outside it, so that its subscriptions may be destroyed."""
+        self._turn = None
+        self.waiter.wake()
+        if not self._stopping:
+            self._outside.wait(timeout)
+
+    def stop(self) -> None:
+        """Ends `run`; safe from any thread and from a signal handler's thread."""
+        self._stopping = True
+        self.waiter.wake()
+
+
+class JoinedTurn:
+    """One turn of an event-driven node: wait, take, join by stamp, step.
+
+    `step(tick, stamp_ns, inputs)` gets the arrays of each input in order. It is called only while `active`; otherwise
+    messages are taken and dropped. The loop waits for the last missing input only: one wake-up per tick.
+    """
+
+    def __init__(
+        self,
+        loop: FastLoop,
+        inputs: Sequence[RawInput],
+        step: Callable[[int, int, list[dict[str, Any] | None]], None],
+        dt_ns: int,
+        wall_clock: bool = True,
+        optional: Collection[int] = (),
+    ) -> None:
+        self._optional = tuple(optional)
+        self._loop, self._inputs, self._step, self._dt_ns, self._wall = loop, tuple(inputs), step, dt_ns, wall_clock
+        self._half = dt_ns // 2
+        self._joiner = Joiner(len(inputs), self._optional)
+        self.statistics = LoopStatistics(dt_ns)
+        self.active = False
+
+    def __call__(self) -> None:
+        joiner, inputs = self._joiner, self._inputs
+        self._loop.waiter.wait((inputs[joiner.last_missing()].subscription.handle,))
+        for index, raw in enumerate(inputs):
+            taken = raw.take()
+            if taken is not None and joiner.offer(index, (taken[0] + self._half) // self._dt_ns, taken):
+                self._act(joiner)
+
+    def _act(self, joiner: Joiner) -> None:
+        if not self.active:
+            return
+        started = time.monotonic_ns()
+        values = joiner.values()
+        stamp_ns = joiner.tick * self._dt_ns
+        statistics = self.statistics
+        if self._wall:
+            statistics.age(stamp_ns)
+        self._step(joiner.tick, stamp_ns, [None if value is None else value[1] for value in values])
+        statistics.incomplete = joiner.incomplete
+        statistics.tick(joiner.tick, started, time.monotonic_ns())
+
+    @property
+    def tick(self) -> int:
+        """The newest tick seen; -1 before the first."""
+        return self._joiner.tick
+
+    def restart(self) -> None:
+        """Forgets ticks and bound run ids; called while not active."""
+        self._joiner = Joiner(len(self._inputs), self._optional)
+        for raw in self._inputs:
+            raw.release()
+        self.statistics = LoopStatistics(self._dt_ns)

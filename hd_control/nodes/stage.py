@@ -1,0 +1,113 @@
+"""A law at its place in the chain: arrays of topics in, arrays of topics out. Knows no ROS and reads no clock."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from hd_control.core.blocks import Block, FloatArray
+from hd_control.core.robot import Robot
+from hd_control.nodes.wiring import Wiring
+
+Bus = dict[str, dict[str, FloatArray]]
+"""Arrays of the present tick by topic and name (`position`, `velocity`, `effort`), for all joints of the robot."""
+
+OK, WARN, ERROR = 0, 1, 2
+"""Levels of a report, as in diagnostics."""
+
+
+class Stage:
+    """One law with its wiring. `params` may be replaced between ticks by any thread: a reference is swapped.
+
+    `law` is a law module (docs/architecture.md). `joint_names` are the joints that it runs, all if empty.
+    """
+
+    def __init__(self, wiring: Wiring, law: Any, robot: Robot, dt: float, joint_names: Sequence[str] = ()) -> None:
+        self.wiring, self.law, self.robot, self.dt = wiring, law, robot, dt
+        self.joint_names = tuple(joint_names) or robot.joint_names
+        indices = robot.indices(self.joint_names)
+        self._pick: Any = slice(None) if self.joint_names == robot.joint_names else np.array(indices)
+        joints = len(self.joint_names)
+        self.sample: Block = law.new_sample(joints)
+        self.reference: Block | None = law.new_reference(joints) if hasattr(law, "new_reference") else None
+        self.params: Block | None = None
+        self.state: Block | None = None
+        self.output: Block | None = None
+        self.tick = -1
+
+    def prepare(self, values: Mapping[str, Any]) -> Block:
+        """The parameter block of a complete set of values. Raises ConfigError."""
+        return self.law.configure(values, self.robot, self.dt)  # type: ignore[no-any-return]
+
+    def adopt(self, params: Block) -> None:
+        """Takes a new parameter block; the next tick uses it."""
+        self.params = params
+
+    def start(self) -> None:
+        """Forgets the state; the next tick makes a new one from its sample."""
+        self.state, self.tick = None, -1
+
+    def step(self, tick: int, bus: Bus) -> Bus:
+        """One tick: reads its inputs from the bus, returns the arrays of each topic that it makes."""
+        self.read(bus)
+        self.advance()
+        self.tick = tick
+        return self.results()
+
+    def read(self, bus: Bus) -> None:
+        """Fills sample and reference from the bus; an optional topic that is absent leaves its fields as they were."""
+        pick = self._pick
+        for name, (topic, array) in self.wiring.sample.items():
+            self.sample.view(name)[:] = bus[topic][array][pick]
+        for name, (topic, array) in self.wiring.slow.items():
+            if topic in bus:
+                self.sample.view(name)[:] = bus[topic][array][pick]
+        for name, (topic, array) in self.wiring.reference.items():
+            if topic in bus and self.reference is not None:
+                self.reference.view(name)[:] = bus[topic][array][pick]
+
+    def advance(self) -> None:
+        """The law's step, with the state made on the first tick."""
+        params = self.params
+        assert params is not None
+        if self.state is None:
+            self.state = self.law.initial_state(params, self.sample)
+        given = (self.sample,) if self.reference is None else (self.sample, self.reference)
+        self.output, self.state = self.law.step(params, self.state, *given, self.dt)
+
+    def results(self) -> Bus:
+        """Output fields as the arrays of each topic."""
+        output = self.output
+        assert output is not None
+        return {
+            topic: {array: output.view(name) for array, name in arrays.items()}
+            for topic, arrays in self.wiring.outputs.items()
+        }
+
+    def blocks(self) -> list[tuple[str, Block]]:
+        """The blocks of the present tick by kind, for introspection."""
+        return [(kind, block) for kind, block in (("output", self.output), ("state", self.state)) if block is not None]
+
+    def names(self) -> list[str]:
+        """Names of the introspection numbers, `fusion/output/joint_position/joint_1` and so on."""
+        self.advance()
+        found = [
+            f"{self.wiring.name}/{kind}/{name}"
+            for kind, block in self.blocks()
+            for name in block.layout.element_names(self.joint_names)
+        ]
+        self.state = None
+        return found
+
+    def numbers(self) -> list[FloatArray]:
+        """The introspection numbers in the order of `names`."""
+        return [block.array for _, block in self.blocks()]
+
+    def report(self) -> tuple[int, str, dict[str, Any]]:
+        """Level, one line and values for diagnostics."""
+        return OK, "", {}
+
+    def emergency(self) -> None:
+        """An exception happened somewhere in the node: bring the outputs to a stop."""

@@ -1,0 +1,144 @@
+"""Shell of nodes that run laws: one stage or several in a row, in one turn of the fast loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from sensor_msgs.msg import JointState
+
+from hd_control.core.parameters import ParameterSet
+from hd_control.nodes import topics
+from hd_control.nodes.lifecycle_shell import OK, Introspection, Shell
+from hd_control.nodes.ros_loop import JoinedTurn, RawInput, TemperatureInput, chain_qos
+from hd_control.nodes.stage import Bus, Stage
+
+PUBLISHER_DEPTH = 1
+
+
+class Output:
+    """A chain topic of some joints, published as bytes with the run id of the node."""
+
+    def __init__(self, node: Shell, topic: str, joint_names: Sequence[str]) -> None:
+        self.publisher = node.create_publisher(JointState, topic, chain_qos(PUBLISHER_DEPTH))
+        self._publish = self.publisher.handle.publish_raw
+        self._encode = topics.joint_state_codec(topic, joint_names).encode
+        self._run_id = node.run_id
+
+    def publish(self, stamp_ns: int, arrays: Mapping[str, Any]) -> None:
+        """One message; `arrays` are the fields of the topic."""
+        self._publish(self._encode(stamp_ns, self._run_id, **arrays))
+
+
+def prefixed(parameters: ParameterSet, prefix: str) -> ParameterSet:
+    """The same parameters and rules under `prefix.name`, for several laws in one node."""
+    from dataclasses import replace
+
+    head = f"{prefix}."
+    renamed = tuple(replace(p, name=head + p.name) for p in parameters.parameters)
+
+    def rule(values: Mapping[str, Any]) -> list[str]:
+        own = {name.removeprefix(head): value for name, value in values.items() if name.startswith(head)}
+        return [text for each in parameters.rules for text in each(own)]
+
+    return ParameterSet(parameters.owner, renamed, (rule,))
+
+
+class StageShell(Shell):
+    """Runs `stages` in order whenever all inputs of one tick have arrived, and publishes what each makes."""
+
+    def __init__(self, name: str, own: ParameterSet, prefixes: Sequence[str] = ("",)) -> None:
+        self.prefixes = tuple(prefixes)
+        self.stages: list[Stage] = []
+        self._turn: JoinedTurn | None = None
+        super().__init__(name, own)
+
+    def make_stages(self, values: Mapping[str, Any]) -> list[Stage]:
+        """The stages of this node; the robot and the period are known."""
+        raise NotImplementedError
+
+    def prepare(self, values: Mapping[str, Any]) -> list[Any]:
+        if not self.stages:
+            self.stages = self.make_stages(values)
+        return [stage.prepare(_own(values, prefix)) for stage, prefix in zip(self.stages, self.prefixes, strict=True)]
+
+    def adopt(self, prepared: list[Any]) -> None:
+        for stage, params in zip(self.stages, prepared, strict=True):
+            stage.adopt(params)
+
+    def build(self) -> Callable[[], None]:
+        made = [topic for stage in self.stages for topic in stage.wiring.outputs]
+        wanted = list(dict.fromkeys(topic for stage in self.stages for topic in stage.wiring.inputs if topic not in made))
+        late = {topic for stage in self.stages for topic in stage.wiring.optional}
+        self.inputs = [RawInput(self, topic, self.robot.joint_names, self.group) for topic in wanted]
+        self.outputs = {
+            topic: Output(self, topic, stage.joint_names) for stage in self.stages for topic in stage.wiring.outputs
+        }
+        slow = any(stage.wiring.slow for stage in self.stages)
+        self.temperature = TemperatureInput(self, self.robot.joint_names, self.group) if slow else None
+        self.introspection = Introspection(self, [name for stage in self.stages for name in stage.names()])
+        optional = [index for index, topic in enumerate(wanted) if topic in late]
+        self._turn = JoinedTurn(self.loop, self.inputs, self._tick, self.dt_ns, optional=optional)
+        return self._turn
+
+    def begin(self) -> None:
+        assert self._turn is not None
+        self._turn.restart()
+        for stage in self.stages:
+            stage.start()
+        self._turn.active = True
+
+    def end(self) -> None:
+        if self._turn is not None:
+            self._turn.active = False
+
+    def dismantle(self) -> None:
+        for raw in (*self.inputs, *filter(None, [self.temperature])):
+            self.destroy_subscription(raw.subscription)
+        for output in self.outputs.values():
+            self.destroy_publisher(output.publisher)
+        if self.introspection is not None:
+            self.introspection.destroy(self)
+            self.introspection = None
+
+    def emergency(self) -> None:
+        for stage in self.stages:
+            stage.emergency()
+
+    def run_stages(self, tick: int, stamp_ns: int, bus: Bus) -> Bus:
+        """All stages on one bus; each result is published as soon as it is there."""
+        for stage in self.stages:
+            for topic, arrays in stage.step(tick, bus).items():
+                self.outputs[topic].publish(stamp_ns, arrays)
+                bus[topic] = arrays
+        introspection = self.introspection
+        if introspection is not None and introspection.on:
+            introspection.publish(np.concatenate([part for stage in self.stages for part in stage.numbers()]))
+        return bus
+
+    def _tick(self, tick: int, stamp_ns: int, inputs: list[dict[str, Any] | None]) -> None:
+        bus: Bus = {raw.topic: arrays for raw, arrays in zip(self.inputs, inputs, strict=True) if arrays is not None}
+        if self.temperature is not None:
+            bus[topics.TEMPERATURE] = self.temperature.drain()
+        self.run_stages(tick, stamp_ns, bus)
+
+    def status(self) -> tuple[bytes, str, dict[str, Any]]:
+        values: dict[str, Any] = {}
+        if self._turn is not None:
+            self._turn.statistics.foreign = sum(raw.foreign for raw in self.inputs)
+            values |= self._turn.statistics.summary()
+        level, texts = OK, []
+        for stage in self.stages:
+            stage_level, text, found = stage.report()
+            level = max(level, bytes([stage_level]))
+            values |= found
+            texts += [text] if text else []
+        return level, "; ".join(texts), values
+
+
+def _own(values: Mapping[str, Any], prefix: str) -> Mapping[str, Any]:
+    if not prefix:
+        return values
+    head = f"{prefix}."
+    return {name.removeprefix(head): value for name, value in values.items() if name.startswith(head)}

@@ -1,0 +1,108 @@
+"""The torque law with layer 1 of the safety gate behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from hd_control.control import safety_gate as gate
+from hd_control.control import torque
+from hd_control.core.blocks import Block
+from hd_control.core.faults import Action, Fault, FaultCode
+from hd_control.core.robot import Robot
+from hd_control.nodes import topics
+from hd_control.nodes.stage import ERROR, OK, Bus, Stage
+from hd_control.nodes.wiring import TORQUE
+
+
+class TorqueStage(Stage):
+    """Torque law and gate. An exception of the law becomes a command that is not finite: the gate stops and latches."""
+
+    def __init__(self, robot: Robot, dt: float, joint_names: Sequence[str], limits: Block) -> None:
+        super().__init__(TORQUE, torque, robot, dt, joint_names)
+        joints = len(self.joint_names)
+        self.limits = limits
+        self.gate_state = gate.initial_gate_state(joints)
+        self.measured = gate.new_measured(joints)
+        self.ages, self.ticks = np.zeros(joints), np.zeros(joints)
+        self.stopped_command = np.full(joints, np.nan)
+        self.exception: Exception | None = None
+        self.faults: dict[tuple[int, int], tuple[int, Fault]] = {}
+        self.first_stop: Fault | None = None
+        self.reset_asked = False
+        self.reset_answer: list[str] | None = None
+
+    def start(self) -> None:
+        """A new activation: estimates and a latched stop survive, the filters fill again, the gate opens with the torque
+        that the drive holds."""
+        kept = None if self.state is None else torque.restarted(self.state)
+        super().start()
+        self.state = kept
+        self.gate_state = gate.deactivate(self.gate_state)
+
+    def step(self, tick: int, bus: Bus) -> Bus:
+        self.read(bus)
+        if topics.REFERENCE not in bus and self.reference is not None:
+            self.reference.desired_position = self.sample.joint_position
+            self.reference.desired_velocity = 0.0
+        try:
+            self.advance()
+            assert self.output is not None
+            command = self.output.motor_torque
+        except Exception as error:  # F33: the gate turns the missing command into a stop
+            self.exception = self.exception or error
+            command = self.stopped_command
+        if self.exception is not None:
+            command = self.stopped_command
+        self.tick = tick
+        return {topics.COMMAND: {"effort": self.through_gate(tick, command)}}
+
+    def through_gate(self, tick: int, command: Any) -> Any:
+        """The last step before publishing."""
+        if self.gate_state.active == 0.0:
+            self.gate_state = gate.activate(self.gate_state, self.limits, self.sample.motor_torque)
+        self.measured.joint_position = self.sample.joint_position
+        self.measured.joint_velocity = self.sample.joint_velocity
+        self.ticks.fill(tick)
+        if self.reset_asked:
+            self.answer_reset()
+        allowed, self.gate_state, faults = gate.safety_gate_compiled(
+            command, self.measured, self.ages, self.ticks, self.limits, self.gate_state
+        )
+        for fault in faults:
+            self.note(fault)
+        return allowed
+
+    def note(self, fault: Fault) -> None:
+        """Counts a fault by code and joint; the first that stops keeps its numbers."""
+        key = (int(fault.code), fault.joint)
+        self.faults[key] = (self.faults.get(key, (0, fault))[0] + 1, fault)
+        if self.first_stop is None and fault.action >= Action.CONTROLLED_STOP:
+            self.first_stop = fault
+
+    def answer_reset(self) -> None:
+        """Between two ticks, on request of the reset service."""
+        self.gate_state, refused = gate.reset(self.gate_state, self.measured, self.limits)
+        if not refused:
+            self.first_stop, self.exception = None, None
+            self.faults.clear()
+        self.reset_answer, self.reset_asked = refused, False
+
+    def report(self) -> tuple[int, str, dict[str, Any]]:
+        values: dict[str, Any] = {"gate_stopped": bool(self.gate_state.stopped)}
+        for (code, joint), (count, fault) in list(self.faults.items()):
+            where = self.joint_names[joint] if joint >= 0 else "robot"
+            values[f"{FaultCode(code).text} {where}"] = f"{count} x, last: {fault.text(self.joint_names)}"
+        if self.state is not None:
+            for name in ("coulomb_torque", "friction_offset", "viscous_positive", "viscous_negative", "torsional_compliance"):
+                values[name] = " ".join(f"{number:.6g}" for number in self.state.view(name))
+        if self.exception is not None:
+            return ERROR, f"{FaultCode.EXCEPTION.text}: {self.exception!r}", values
+        if self.gate_state.stopped != 0.0:
+            return ERROR, self.first_stop.text(self.joint_names) if self.first_stop else "stopped; call reset", values
+        return OK, "", values
+
+    def emergency(self) -> None:
+        self.exception = self.exception or RuntimeError("an exception in another part of this node")
