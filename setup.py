@@ -1,13 +1,28 @@
-"""Build of the compiled parts. Everything else is declared in pyproject.toml and package.xml."""
+"""Build of the compiled parts and of the files around the Python code. Metadata is in pyproject.toml and package.xml."""
 
+import os
+import shutil
 from glob import glob
 from pathlib import Path
 
-from pybind11.setup_helpers import Pybind11Extension, build_ext
-from setuptools import find_packages, setup
+from setuptools import Extension, find_packages, setup
+from setuptools.command.build_ext import build_ext
+from setuptools.command.build_py import build_py
 
-HERE = Path(__file__).parent
-FLAGS = ["-O3", "-fno-math-errno", "-ffp-contract=off", "-Wall", "-Wextra"]
+os.chdir(Path(__file__).resolve().parent)
+
+# -ffp-contract=off: without it the compiler fuses a*b+c where it likes, and two builds differ in the last bit.
+FLAGS = ["-std=c++17", "-O3", "-fno-math-errno", "-ffp-contract=off", "-Wall", "-Wextra", "-fvisibility=hidden"]
+SHIPPED = {"config": "**/*", "launch": "*.launch.py"}
+
+
+def pybind11_include():
+    """Folder of pybind11's headers; empty where the system's own headers are on the compiler's path."""
+    try:
+        import pybind11
+    except ImportError:
+        return []
+    return [pybind11.get_include()]
 
 
 def extensions():
@@ -17,17 +32,65 @@ def extensions():
         package = source.split("/")[0]
         name = Path(source).name.removesuffix("_module.cpp")
         found.append(
-            Pybind11Extension(
+            Extension(
                 f"{package}._{name}",
                 [source],
-                cxx_std=17,
+                language="c++",
                 extra_compile_args=FLAGS,
-                include_dirs=["hd_control/cpp", f"{package}/cpp"],
-                depends=glob("hd_*/cpp/*.hpp"),
+                include_dirs=[*pybind11_include(), "hd_control/cpp", f"{package}/cpp"],
+                depends=[*glob("hd_*/cpp/*.hpp"), "setup.py"],
             )
         )
     return found
 
 
-packages = find_packages(include=["hd_control*", "hd_sim*"])
-setup(packages=packages, ext_modules=extensions(), cmdclass={"build_ext": build_ext})
+def shipped_files():
+    """Every file below config/ and the launch files, as paths from here."""
+    paths = (path for folder, pattern in SHIPPED.items() for path in Path(folder).glob(pattern))
+    return sorted(path for path in paths if path.is_file() and "__pycache__" not in path.parts)
+
+
+def data_files():
+    """What ROS tools look for below share/: the package marker, package.xml, config/ and launch/."""
+    folders = {
+        "share/ament_index/resource_index/packages": ["resource/hd_control"],
+        "share/hd_control": ["package.xml"],
+    }
+    for path in shipped_files():
+        folders.setdefault(f"share/hd_control/{path.parent}", []).append(str(path))
+    return sorted(folders.items())
+
+
+class BuildExtensions(build_ext):
+    """Compiles the extensions side by side, one for each processor."""
+
+    def finalize_options(self):
+        super().finalize_options()
+        self.parallel = self.parallel or os.cpu_count()
+
+
+class BuildPython(build_py):
+    """Copies config/ and launch/ into the package, where `core/resources.py` finds them after an install."""
+
+    def run(self):
+        super().run()
+        if not getattr(self, "editable_mode", False):
+            for path in shipped_files():
+                target = Path(self.build_lib, "hd_control", path)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(path, target)
+
+
+setup(
+    packages=find_packages(include=["hd_control*", "hd_sim*"]),
+    package_data={"hd_control": ["studio/assets/**/*"], "": ["py.typed"]},
+    data_files=data_files(),
+    ext_modules=extensions(),
+    cmdclass={"build_ext": BuildExtensions, "build_py": BuildPython},
+    # Where `ros2 run` looks for executables in a colcon workspace; pip places scripts itself.
+    options={
+        "develop": {"script_dir": "$base/lib/hd_control"},
+        "install": {"install_scripts": "$base/lib/hd_control"},
+    },
+    zip_safe=False,
+)
