@@ -1,0 +1,238 @@
+"""Paths: splines of all joints over ticks, made from a goal and the present reference. Pure functions.
+
+Interpolation follows what the goal gives: positions only are joined by lines, with velocities by cubics, with
+accelerations by quintics. Knots count samples, so points that fall on a tick are met exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hd_control import _motion
+from hd_control.core.blocks import FloatArray
+from hd_control.core.errors import GoalError
+
+GOAL_BAD = "HD-F22 goal_bad"
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A wanted motion. times (k,) s from the start; positions, velocities, accelerations (k, joints of the goal), SI.
+
+    `start_tick` None means now. `velocities` and `accelerations` may be None; accelerations need velocities.
+    """
+
+    joint_names: tuple[str, ...]
+    times: FloatArray
+    positions: FloatArray
+    velocities: FloatArray | None = None
+    accelerations: FloatArray | None = None
+    start_tick: int | None = None
+    identifier: str = ""
+
+    @property
+    def order(self) -> int:
+        """Degree of the spline through the points: 1, 3 or 5."""
+        if self.velocities is None:
+            return 1
+        return 3 if self.accelerations is None else 5
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Position rad, velocity rad/s and acceleration rad/s^2 of all joints at one instant, (n,) each."""
+
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+
+
+@dataclass(frozen=True)
+class Path:
+    """A spline of all joints from `start_tick` on, and the state at its end.
+
+    knots (s + 1,) in samples from the start, coefficients (s, n, 6) in SI from each segment's start. No segments: hold.
+    """
+
+    start_tick: int
+    period: float
+    knots: FloatArray
+    coefficients: FloatArray
+    end: Motion
+    identifier: str = ""
+
+    @property
+    def end_tick(self) -> int:
+        """First tick at or after the last point."""
+        return self.start_tick + int(np.ceil(self.knots[-1]))
+
+    def evaluate(self, tick: int, cursor: int, out: FloatArray) -> int:
+        """Writes position, velocity, acceleration (3n,) at a tick; returns the cursor for the next call.
+
+        Before the start the start, at the last point its values, after it its position at rest.
+        """
+        offset, n = float(tick - self.start_tick), self.end.position.size
+        if offset < self.knots[-1] and len(self.coefficients):
+            after: int = _motion.spline_evaluate(
+                self.knots, self.coefficients, max(offset, 0.0), self.period, cursor, out, n
+            )
+            return after
+        exactly = offset == self.knots[-1]
+        out[:n] = self.end.position
+        out[n : 2 * n] = self.end.velocity if exactly else 0.0
+        out[2 * n :] = self.end.acceleration if exactly else 0.0
+        return cursor
+
+    def extrema(self) -> FloatArray:
+        """Lowest and highest position, velocity, acceleration of every segment and joint, (s, n, 6), exact."""
+        n = self.end.position.size
+        found: FloatArray = _motion.spline_extrema(self.knots, self.coefficients, self.period, n)
+        return found
+
+
+def hold_path(position: ArrayLike, tick: int, period: float) -> Path:
+    """Standing still at `position` (n,) from `tick` on."""
+    q = np.array(position, dtype=float)
+    none = np.zeros_like(q)
+    return Path(tick, period, np.zeros(1), np.zeros((0, q.size, 6)), Motion(q, none, none), "hold")
+
+
+def braking_path(present: Motion, tick: int, period: float, acceleration_limit: FloatArray) -> Path:
+    """From `present` to rest, velocity as a cubic, within `acceleration_limit` (n,) (or the present one, if larger).
+
+    All joints stop after the same time, the shortest found by steps of 5 %.
+    """
+    v, a = present.velocity, present.acceleration
+    allowed = np.maximum(acceleration_limit, np.abs(a)) * (1.0 + 1e-9)
+    samples = max(1.0, float(np.ceil(np.max(1.5 * np.abs(v) / allowed) / period)))
+    while True:
+        t = samples * period
+        second, third = -(3.0 * v + 2.0 * a * t) / t**2, (2.0 * v + a * t) / t**3
+        with np.errstate(divide="ignore", invalid="ignore"):
+            vertex = np.where(third != 0.0, -second / (3.0 * third), 0.0)
+        at = np.clip(vertex, 0.0, t)
+        if np.all(np.abs(a + 2.0 * second * at + 3.0 * third * at**2) <= allowed) or samples * period > 3600.0:
+            break
+        samples = np.ceil(1.05 * samples)
+    columns = [present.position, v, 0.5 * a, second / 3.0, third / 4.0, np.zeros_like(v)]
+    none = np.zeros_like(v)
+    end = Motion(present.position + v * t / 2.0 + a * t**2 / 12.0, none, none)
+    return Path(tick, period, np.array([0.0, samples]), np.stack(columns, axis=1)[None], end, "stop")
+
+
+def in_robot_order(
+    goal: Goal, joint_names: Sequence[str], present: Motion, stop_time: float
+) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
+    """The goal's positions, velocities, accelerations as (k, n) in the robot's joint order, matched by name.
+
+    Joints that the goal leaves out stop within `stop_time` s and stay. Raises GoalError for unknown or repeated names.
+    """
+    names, known = list(goal.joint_names), list(joint_names)
+    for name in names:
+        if name not in known:
+            raise GoalError("joint_unknown", f"{GOAL_BAD} {name}: unknown joint. Use some of {', '.join(known)}.")
+        if names.count(name) > 1:
+            raise GoalError("joint_repeated", f"{GOAL_BAD} {name}: named {names.count(name)} times. Name it once.")
+    columns = [known.index(name) for name in names]
+
+    def table(values: FloatArray, filler: FloatArray) -> FloatArray:
+        found = np.empty((len(goal.times), len(known)))
+        found[:] = filler
+        found[:, columns] = values
+        return found
+
+    rest, none = present.position + 0.5 * stop_time * present.velocity, np.zeros(len(known))
+    return (
+        table(goal.positions, rest),
+        None if goal.velocities is None else table(goal.velocities, none),
+        None if goal.accelerations is None else table(goal.accelerations, none),
+    )
+
+
+def plan_path(
+    goal: Goal, joint_names: Sequence[str], present: Motion, start_tick: int, period: float, blend_time: float
+) -> Path:
+    """The path of a goal from `present`, the reference at the start tick. Changes nothing, checks only names.
+
+    First point later than time 0: a quintic leads from the present reference to it. First point at time 0: the path
+    starts at the present reference, and its distance to the goal's own spline fades out as a quintic until the first
+    point at or after `blend_time` s. No distance, no change.
+    """
+    times = np.asarray(goal.times, dtype=float)
+    moving = times[times > 0.0]
+    q, v, a = in_robot_order(goal, joint_names, present, float(moving[0]) if moving.size else 0.0)
+    knots = _samples(times, period)
+    coefficients = _spline(goal.order, knots, period, q, v, a)
+    if knots[0] > 0.0:
+        lead = _lead_in(present, coefficients, (q, v, a), knots[0], period)
+        knots, coefficients = np.concatenate([[0.0], knots]), np.concatenate([lead, coefficients])
+    elif len(coefficients):
+        _fade_in(coefficients, knots, period, present, blend_time)
+    none = np.zeros(len(joint_names))
+    end = Motion(q[-1], none if v is None else v[-1], none if a is None else a[-1])
+    return Path(start_tick, period, knots, coefficients, end, goal.identifier)
+
+
+def _samples(times: FloatArray, period: float) -> FloatArray:
+    """Times in samples; what lies within a millionth of a tick is on the tick."""
+    samples = times / period
+    whole = np.rint(samples)
+    return np.where(np.abs(samples - whole) <= 1e-6, whole, samples)
+
+
+def _spline(
+    order: int, knots: FloatArray, period: float, q: FloatArray, v: FloatArray | None, a: FloatArray | None
+) -> FloatArray:
+    none = np.empty(0)
+    v, a = none if v is None else v, none if a is None else a
+    found: FloatArray = _motion.spline_coefficients(order, knots, period, q, v, a, q.shape[1])
+    return found
+
+
+def _lead_in(
+    present: Motion,
+    after: FloatArray,
+    points: tuple[FloatArray, FloatArray | None, FloatArray | None],
+    samples: float,
+    period: float,
+) -> FloatArray:
+    """One quintic segment from the present reference to the first point, continuous with what follows it."""
+    q, v, a = points
+    none = np.zeros_like(q[0])
+    rate = v[0] if v is not None else (after[0, :, 1] if len(after) else none)
+    second = a[0] if a is not None else (2.0 * after[0, :, 2] if len(after) else none)
+    knots = np.array([0.0, samples])
+    ends = (present.position, q[0]), (present.velocity, rate), (present.acceleration, second)
+    return _spline(5, knots, period, *(np.stack(pair) for pair in ends))
+
+
+_BINOMIAL = np.array(
+    [
+        [1, 1, 1, 1, 1, 1],
+        [0, 1, 2, 3, 4, 5],
+        [0, 0, 1, 3, 6, 10],
+        [0, 0, 0, 1, 4, 10],
+        [0, 0, 0, 0, 1, 5],
+        [0] * 5 + [1],
+    ]
+)
+
+
+def _fade_in(coefficients: FloatArray, knots: FloatArray, period: float, present: Motion, blend_time: float) -> None:
+    """Adds, in place, the quintic that takes the distance between present reference and goal to zero."""
+    start = coefficients[0, :, :3].T * [[1.0], [1.0], [2.0]]
+    gap = np.stack([present.position, present.velocity, present.acceleration]) - start
+    if not gap.any():
+        return
+    last = min(int(np.searchsorted(knots, blend_time / period - 1e-6)), len(knots) - 1)
+    last = max(last, 1)
+    ends = np.stack([gap, np.zeros_like(gap)], axis=1)
+    fade = _spline(5, knots[[0, last]], period, ends[0], ends[1], ends[2])[0]
+    offsets = (knots[:last] * period)[:, None]
+    for k in range(6):
+        for j in range(k, 6):
+            coefficients[:last, :, k] += _BINOMIAL[k, j] * fade[:, j] * offsets ** (j - k)
