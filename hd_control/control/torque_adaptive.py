@@ -1,7 +1,7 @@
 """Parameters of the adaptive joint torque control of Zhu, section III, and the rules between them.
 
-Values live in config/torque_node.yaml (Zhu, Tables I and II). The law itself is hd_control/cpp/torque_adaptive.hpp; what
-it does and why is in docs/torque_law.md. Words for Zhu's letters: `Parameter.symbol`.
+Values live in config/torque_node.yaml (Zhu, Tables I and II). The law itself is hd_control/cpp/torque_adaptive.hpp;
+what it does and why is in docs/torque_law.md. Words for Zhu's letters: `Parameter.symbol`.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def warnings(values: Mapping[str, Any]) -> list[str]:
     """What is allowed but deserves a word, one sentence each."""
     return [
         f"{name}: k_f·d·λ_τ = {gain:.3g} ≥ {LOOP_WARNING} (Zhu, Remark 3.1): an extra sample of delay may make the "
-        f"torque loop unstable; torque_rate_gain below {LOOP_WARNING * values['torque_rate_gain'][j] / gain:.3g} is safer"
+        f"torque loop unstable; stay below {LOOP_WARNING * values['torque_rate_gain'][j] / gain:.3g} if you can"
         for j, (name, gain) in enumerate(zip(_names(values), loop_gains(values), strict=True))
         if LOOP_WARNING <= gain < 1.0
     ]

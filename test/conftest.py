@@ -1,0 +1,1 @@
+"""Makes the slow, obvious re-statements in test/oracles importable as `oracles`."""
