@@ -93,33 +93,33 @@ class McapFile:
 
         first, last = int(log_times_ns.min()), int(log_times_ns.max())
         packed = zstandard.ZstdCompressor(level=ZSTD_LEVEL).compress(data)
-        start = self._here()
+        start = self.end
         self._append(records.Chunk(
             compression="zstd", data=packed, message_start_time=first, message_end_time=last,
             uncompressed_crc=zlib.crc32(data), uncompressed_size=len(data)))
-        index_at = self._here()
+        index_at = self.end
         entries = np.stack([log_times_ns.astype("<u8"), offsets.astype("<u8")], axis=1).tobytes()
         self._pending += _INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(entries), channel, len(entries)) + entries
         self._chunks.append(records.ChunkIndex(
             chunk_start_offset=start, chunk_length=index_at - start, compression="zstd", compressed_size=len(packed),
             uncompressed_size=len(data), message_start_time=first, message_end_time=last,
-            message_index_offsets={channel: index_at}, message_index_length=self._here() - index_at))
+            message_index_offsets={channel: index_at}, message_index_length=self.end - index_at))
         self._count(channel, len(log_times_ns), first, last)
         self.flush()
 
     def add_attachment(self, name: str, media_type: str, data: bytes, time_ns: int) -> None:
         """A file carried inside the recording."""
-        start = self._here()
+        start = self.end
         self._append(records.Attachment(time_ns, time_ns, name, media_type, data))
         self._attachments.append(records.AttachmentIndex(
-            offset=start, length=self._here() - start, create_time=time_ns, log_time=time_ns, data_size=len(data),
+            offset=start, length=self.end - start, create_time=time_ns, log_time=time_ns, data_size=len(data),
             name=name, media_type=media_type))
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
         """Named texts carried inside the recording."""
-        start = self._here()
+        start = self.end
         self._append(records.Metadata(name=name, metadata=values))
-        self._metadata.append(records.MetadataIndex(length=self._here() - start, name=name, offset=start))
+        self._metadata.append(records.MetadataIndex(length=self.end - start, name=name, offset=start))
 
     def flush(self) -> None:
         """Hands everything to the operating system."""
@@ -136,6 +136,11 @@ class McapFile:
             self._pending = bytearray(data[done:])
 
     @property
+    def end(self) -> int:
+        """Length of the file once everything is flushed."""
+        return self.position + len(self._pending)
+
+    @property
     def pending_bytes(self) -> int:
         """Bytes that a kill would lose now."""
         return len(self._pending)
@@ -144,7 +149,7 @@ class McapFile:
         """Writes data end, summary, index, statistics and footer; the file is then complete."""
         self.flush()
         self._append(records.DataEnd(self._crc))
-        start = self._here()
+        start = self.end
         summary, groups = RecordBuilder(), []
         for opcode, group in self._summary():
             begin = summary.count
@@ -175,9 +180,6 @@ class McapFile:
         self.first_ns = min(self.first_ns, first_ns) if self.counts else first_ns
         self.last_ns = max(self.last_ns, last_ns)
         self.counts[channel] += number
-
-    def _here(self) -> int:
-        return self.position + len(self._pending)
 
     def _append(self, record: records.McapRecord) -> None:
         builder = RecordBuilder()

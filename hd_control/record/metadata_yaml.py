@@ -68,6 +68,13 @@ def document(file_name: str, topics: Sequence[TopicEntry], first_ns: int, last_n
     }
 
 
+def save(folder: Path, info: Mapping[str, Any]) -> None:
+    """Writes metadata.yaml beside itself and renames it. OSError passes through."""
+    temporary = folder / (FILE_NAME + ".tmp")
+    temporary.write_text(dump({"rosbag2_bagfile_information": dict(info)}), "utf-8")
+    temporary.replace(folder / FILE_NAME)
+
+
 @dataclass(frozen=True)
 class BagIndex:
     """What metadata.yaml says about a bag: its files, counts by topic, custom texts, storage."""

@@ -81,14 +81,13 @@ def joint_state_codec(topic: str, joint_names: Sequence[str], frame_id_length: i
 @lru_cache(maxsize=64)
 def message_definition(type_name: str) -> str:
     """The ros2msg text of a type with everything it uses. Raises BagError for a type outside ROS 2 Jazzy."""
-    try:
-        text, _ = typestore().generate_msgdef(type_name, ros_version=2)
-    except KeyError:
-        raise BagError(f"{type_name}: not a message type of ROS 2 Jazzy; give its definition to add_topic") from None
+    if type_name not in typestore().types:
+        raise BagError(f"{type_name}: not a message type of ROS 2 Jazzy; give its definition to add_topic")
+    text, _ = typestore().generate_msgdef(type_name, ros_version=2)
     return text
 
 
 @lru_cache(maxsize=64)
 def type_hash(type_name: str) -> str:
-    """The RIHS01 hash of a type, as rosbag2 stores it."""
-    return str(typestore().hash_rihs01(type_name))
+    """The RIHS01 hash of a type, as rosbag2 stores it; empty for a type outside ROS 2 Jazzy."""
+    return str(typestore().hash_rihs01(type_name)) if type_name in typestore().types else ""

@@ -43,6 +43,7 @@ class _Channel:
 
     topic: str
     type_name: str
+    type_hash: str
     number: int
     latched: bool
     account: TopicAccount
@@ -68,6 +69,7 @@ class BagWriter:
         self._channels: dict[str, _Channel] = {}
         self._schemas: dict[str, int] = {}
         self._first_pending_ns, self._has_pending = 0, False
+        self._unflushed: list[tuple[TopicAccount, int]] = []
         try:
             self._raw = self.file_path.open("xb", buffering=0)
         except OSError as error:
@@ -98,32 +100,40 @@ class BagWriter:
         if type_name not in self._schemas:
             self._schemas[type_name] = self._file.add_schema(type_name, definition)
         metadata = {"offered_qos_profiles": metadata_yaml.dump([metadata_yaml.qos_profile(latched)]),
-                    "topic_type_hash": _hash_or_empty(type_name)}
+                    "topic_type_hash": type_hash(type_name)}
         number = self._file.add_channel(name, self._schemas[type_name], metadata)
         period = (known.period_ns if known else 0) if period_ns is None else period_ns
-        self._channels[name] = _Channel(name, type_name, number, latched, TopicAccount(period))
+        self._channels[name] = _Channel(name, type_name, type_hash(type_name), number, latched, TopicAccount(period))
+
+    def type_of(self, topic: str) -> str:
+        """The ROS type of an announced topic."""
+        return self._channel(topic).type_name
 
     def write(self, topic: str, stamp_ns: int | None, log_time_ns: int, payload: Buffer) -> None:
         """One message. `stamp_ns` None: taken from its header, else the log time. Raises BagError if it cannot."""
         channel = self._channel(topic)
         stamp, frame_id = header_of(channel.type_name, payload)
-        if stamp_ns is None:
-            stamp_ns = log_time_ns if stamp is None else stamp
+        channel.account.see(stamp, frame_id)
+        self.append(topic, stamp if stamp_ns is None else stamp_ns, log_time_ns, payload)
+
+    def append(self, topic: str, stamp_ns: int | None, log_time_ns: int, payload: Buffer) -> None:
+        """Like `write`, for a sample that was counted when it arrived; only `written` and disk drops are counted."""
+        channel = self._channel(topic)
         if not 0 <= log_time_ns < 1 << 63:
             raise BagError(f"{topic}: log time {log_time_ns} ns is outside [0, 2^63)")
-        channel.account.see(stamp, frame_id)
-        sequence, publish_ns = channel.account.written & 0xFFFFFFFF, max(stamp_ns, 0)
+        sequence = channel.account.written & 0xFFFFFFFF
+        publish_ns = log_time_ns if stamp_ns is None else max(stamp_ns, 0)
+        channel.account.written += 1
         if self.live:
             self._file.add_message(channel.number, sequence, log_time_ns, publish_ns, payload)
-            channel.account.written += 1
+            self._unflushed.append((channel.account, self._file.end))
             self._flush_if_due(log_time_ns)
             return
         channel.offsets.append(len(channel.records))
         channel.times.append(log_time_ns)
         channel.records += message_record(channel.number, sequence, log_time_ns, publish_ns, payload)
-        channel.account.written += 1
         if len(channel.records) >= CHUNK_BYTES:
-            self._guard(lambda: self._write_chunk(channel))
+            self._write_chunk(channel)
 
     def write_columns(self, topic: str, codec: FixedCodec, stamps_ns: ArrayLike, log_times_ns: ArrayLike | None = None,
                       frame_id: str = "", **values: ArrayLike) -> None:
@@ -137,14 +147,18 @@ class BagWriter:
             raise BagError(f"{topic}: {len(logs)} log times for {len(stamps)} stamps, or a negative one")
         arrays = {name: np.asarray(value, np.float64) for name, value in values.items()}
         step = max(1, CHUNK_BYTES // (MESSAGE.size + codec.size))
-        self._guard(lambda: self._write_chunk(channel))
+        self._write_chunk(channel)
         for begin in range(0, len(stamps), step):
             part = slice(begin, begin + step)
             rows = codec.encode_columns(stamps[part], frame_id, **{name: array[part] for name, array in arrays.items()})
             records, places = message_records(channel.number, channel.account.written, logs[part], stamps[part], rows)
-            self._guard(partial(self._file.add_chunk, channel.number, records, logs[part], places))
+            channel.account.see_many(stamps[part], frame_id.encode("utf-8"))
+            try:
+                self._guard(partial(self._file.add_chunk, channel.number, records, logs[part], places))
+            except BagError:
+                channel.account.drops.disk += len(rows)
+                raise
             channel.account.written += len(rows)
-        channel.account.see_many(stamps, frame_id.encode("utf-8"))
 
     def attach(self, name: str, data: str | bytes, media_type: str = "text/plain", time_ns: int = 0) -> None:
         """Carries a file inside the recording: parameters, URDF, model."""
@@ -168,7 +182,18 @@ class BagWriter:
 
     def flush(self) -> None:
         """Hands everything to the operating system: a kill then loses nothing. Call at least every 20 ms while live."""
-        self._guard(self._file.flush)
+        if self._file.pending_bytes == 0:
+            return
+        try:
+            self._guard(self._file.flush)
+        except BagError:
+            for account, end in self._unflushed:
+                if end > self._file.position:
+                    account.written -= 1
+                    account.drops.disk += 1
+            raise
+        finally:
+            self._unflushed.clear()
         self._has_pending = False
 
     def sync(self) -> None:
@@ -185,7 +210,7 @@ class BagWriter:
             return self.path
         self._check_open()
         for channel in self._channels.values():
-            self._guard(partial(self._write_chunk, channel))
+            self._write_chunk(channel)
         accounts = {name: json.dumps(account.as_dict()) for name, account in self.accounts.items()}
         self.set_metadata(ACCOUNTING, accounts)
         self.set_metadata("hd_close", {"reason": reason or "closed"})
@@ -206,19 +231,15 @@ class BagWriter:
         self._raw.close()
 
     def _write_yaml(self, accounts: Mapping[str, str], reason: str) -> None:
-        topics = [
-            metadata_yaml.TopicEntry(c.topic, c.type_name, _hash_or_empty(c.type_name), c.account.written, c.latched)
-            for c in self._channels.values()]
+        topics = [metadata_yaml.TopicEntry(c.topic, c.type_name, c.type_hash, c.account.written, c.latched)
+                  for c in self._channels.values()]
         custom = {ACCOUNTING: json.dumps({name: json.loads(text) for name, text in accounts.items()}),
                   "close_reason": reason or "closed"}
         info = metadata_yaml.document(self.file_path.name, topics, self._file.first_ns, self._file.last_ns, custom)
-        target = self.path / metadata_yaml.FILE_NAME
         try:
-            temporary = target.with_suffix(".yaml.tmp")
-            temporary.write_text(metadata_yaml.dump({"rosbag2_bagfile_information": info}), "utf-8")
-            temporary.replace(target)
+            metadata_yaml.save(self.path, info)
         except OSError as error:
-            raise write_error(target, error) from None
+            raise write_error(self.path / metadata_yaml.FILE_NAME, error) from None
 
     def _channel(self, topic: str) -> _Channel:
         self._check_open()
@@ -231,10 +252,16 @@ class BagWriter:
         return channel
 
     def _write_chunk(self, channel: _Channel) -> None:
-        if channel.times:
-            data, times, offsets = bytes(channel.records), np.array(channel.times), np.array(channel.offsets)
-            channel.records, channel.times, channel.offsets = bytearray(), [], []
-            self._file.add_chunk(channel.number, data, times, offsets)
+        if not channel.times:
+            return
+        data, times, offsets = bytes(channel.records), np.array(channel.times), np.array(channel.offsets)
+        channel.records, channel.times, channel.offsets = bytearray(), [], []
+        try:
+            self._guard(partial(self._file.add_chunk, channel.number, data, times, offsets))
+        except BagError:
+            channel.account.written -= len(times)
+            channel.account.drops.disk += len(times)
+            raise
 
     def _flush_if_due(self, log_time_ns: int) -> None:
         if not self._has_pending:
@@ -267,10 +294,3 @@ class BagWriter:
             self.abandon()
         else:
             self.close("error" if kind else "")
-
-
-def _hash_or_empty(type_name: str) -> str:
-    try:
-        return type_hash(type_name)
-    except KeyError:
-        return ""

@@ -1,0 +1,175 @@
+"""The recorder without ROS, thread or clock: bounded queues in front of a bag, with honest counts.
+
+    recorder = Recorder(bag)
+    recorder.offer("/encoder", log_time_ns, payload)    # from the subscriptions; never blocks, never raises on data
+    recorder.drain()                                    # from the recording loop, at least every 20 ms
+    recorder.statistics()
+
+Every sample that was published is written or counted as dropped: by transport (holes in the ticks), by the queue
+(overload, oldest first), by the disk.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+from operator import itemgetter
+from typing import Any
+
+from hd_control.core.errors import BagError
+from hd_control.record.accounting import TopicAccount, header_of
+from hd_control.record.fixed_cdr import Buffer
+from hd_control.record.schema import topic_info
+from hd_control.record.writer import BagWriter
+
+QUEUE_DEPTH = 2000
+EVENT_DEPTH = 100_000
+
+
+@dataclass
+class _Queue:
+    """One topic in front of the bag."""
+
+    topic: str
+    type_name: str
+    depth: int
+    event: bool
+    account: TopicAccount
+    samples: deque[tuple[int, int | None, bytes]] = field(default_factory=deque)
+
+
+@dataclass
+class Recorder:
+    """Queues samples and writes them; `offer` and `drain` may run in two threads, the disk never blocks `offer`.
+
+    `queue_depth` bounds each sensor topic, `total_depth` everything together. Events (goals, faults, descriptions) are
+    never dropped before a sensor sample; their queues are bounded by `EVENT_DEPTH`.
+    """
+
+    bag: BagWriter
+    queue_depth: int = QUEUE_DEPTH
+    total_depth: int = 20_000
+    failure: str = ""
+    _queues: dict[str, _Queue] = field(default_factory=dict)
+    _queued: int = 0
+    _in_flight: dict[str, int] = field(default_factory=dict)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def add_topic(self, topic: str, type_name: str = "", definition: str = "", period_ns: int | None = None) -> None:
+        """Announces a topic; those of the schema need no type. Raises BagError for an unknown one."""
+        name = "/" + topic.strip("/")
+        if name in self._queues:
+            return
+        self.bag.add_topic(name, type_name, definition, period_ns)
+        known = topic_info(name)
+        event = bool(known and known.event)
+        self._queues[name] = _Queue(name, self.bag.type_of(name), EVENT_DEPTH if event else self.queue_depth, event,
+                                    self.bag.accounts[name])
+
+    def offer(self, topic: str, log_time_ns: int, payload: Buffer) -> None:
+        """Takes one sample of an announced topic; drops the oldest sensor sample when there is no room."""
+        queue = self._queues[topic]
+        stamp, frame_id = header_of(queue.type_name, payload)
+        account = queue.account
+        with self._lock:
+            missing = account.missing
+            account.see(stamp, frame_id)
+            account.drops.transport += account.missing - missing
+            if self.failure:
+                account.drops.disk += 1
+                return
+            queue.samples.append((log_time_ns, stamp, bytes(payload)))
+            self._queued += 1
+            if len(queue.samples) > queue.depth:
+                self._drop_oldest(queue)
+            elif self._queued > self.total_depth and (longest := self._longest_sensor()):
+                self._drop_oldest(longest)
+
+    def drain(self, limit: int = 1_000_000) -> int:
+        """Writes what is queued, in order of log time over all topics, and flushes; returns how many were taken.
+
+        A disk error stops the recording: it is kept in `failure`, and everything from then on counts as dropped by the
+        disk. Nothing is raised.
+        """
+        batch = self._take(limit)
+        done = 0
+        try:
+            for log_time_ns, queue, stamp, payload in batch:
+                done += 1
+                self.bag.append(queue.topic, stamp, log_time_ns, payload)
+            self.bag.flush()
+        except BagError as error:
+            self._fail(str(error), [queue for _, queue, _, _ in batch[done:]])
+        with self._lock:
+            self._in_flight = {}
+        return len(batch)
+
+    def _take(self, limit: int) -> list[tuple[int, _Queue, int | None, bytes]]:
+        batch: list[tuple[int, _Queue, int | None, bytes]] = []
+        with self._lock:
+            for queue in self._queues.values():
+                number = min(len(queue.samples), limit - len(batch))
+                batch += [(log, queue, stamp, data) for log, stamp, data in islice(queue.samples, number)]
+                for _ in range(number):
+                    queue.samples.popleft()
+                self._in_flight[queue.topic] = number
+            self._queued -= len(batch)
+        batch.sort(key=itemgetter(0))
+        return batch
+
+    def sync(self) -> None:
+        """Forces the disk; a failure stops the recording like one of `drain`."""
+        if not self.failure:
+            try:
+                self.bag.sync()
+            except BagError as error:
+                self._fail(str(error))
+
+    def close(self, reason: str = "", compact: bool | None = None) -> str:
+        """Writes the rest, the counts and the index; returns the failure text, empty if all is well."""
+        if not self.failure:
+            self.drain()
+        if not self.failure:
+            try:
+                self.bag.close(reason, compact)
+            except BagError as error:
+                self._fail(str(error))
+        if self.failure:
+            self.bag.abandon()
+        return self.failure
+
+    def statistics(self) -> dict[str, dict[str, Any]]:
+        """Per topic: the account (received, written, missing, drops, …), `published` and `queued` now.
+
+        Between two drains `published` = `written` + drops + `queued`.
+        """
+        table = {}
+        with self._lock:
+            for name, queue in self._queues.items():
+                account = queue.account
+                table[name] = {**account.as_dict(), "queued": len(queue.samples) + self._in_flight.get(name, 0),
+                               "published": account.received + account.drops.transport}
+        return table
+
+    def _longest_sensor(self) -> _Queue | None:
+        candidates = [q for q in self._queues.values() if q.samples and not q.event]
+        return max(candidates, key=lambda q: len(q.samples), default=None)
+
+    def _drop_oldest(self, queue: _Queue) -> None:
+        queue.samples.popleft()
+        queue.account.drops.queue += 1
+        self._queued -= 1
+
+    def _fail(self, text: str, lost: Sequence[_Queue] = ()) -> None:
+        """Ends the recording. `lost` are the queues of samples that were taken but never reached the writer."""
+        with self._lock:
+            self.failure = text
+            for queue in lost:
+                queue.account.drops.disk += 1
+            for queue in self._queues.values():
+                queue.account.drops.disk += len(queue.samples)
+                queue.samples.clear()
+            self._queued = 0
