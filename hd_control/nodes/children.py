@@ -9,7 +9,7 @@ import subprocess
 import time
 from collections.abc import Mapping, Sequence
 from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from hd_control.nodes.process import DISCOVERY
 
@@ -71,7 +71,7 @@ class Children:
         if process.poll() is None:
             process.send_signal(number)
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> Children:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:

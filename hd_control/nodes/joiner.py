@@ -11,10 +11,11 @@ class Joiner:
 
     A newer tick abandons an incomplete older one, which is counted in `incomplete`; a value of a tick that is past or
     already there is dropped and counted in `stale`. A stamp that stands still therefore never makes a new tick.
+    `repeated` tells that the last input came again for the finished tick: in lock-step the sender asks for the answer again.
     An input in `optional` is waited for only after it has been seen once; until then its value is None.
     """
 
-    __slots__ = ("_filled", "_joined_once", "_open", "_unseen", "_values", "incomplete", "stale", "tick")
+    __slots__ = ("_filled", "_joined_once", "_open", "_unseen", "_values", "incomplete", "repeated", "stale", "tick")
 
     def __init__(self, inputs: int, optional: Collection[int] = ()) -> None:
         self._values: list[Any] = [None] * inputs
@@ -24,6 +25,7 @@ class Joiner:
         self._joined_once = False
         self.tick = -1
         self.incomplete = self.stale = 0
+        self.repeated = False
 
     def offer(self, index: int, tick: int, value: Any) -> bool:
         """Takes one value; True if it completes its tick, whose number is then `tick`."""
@@ -37,6 +39,7 @@ class Joiner:
             self._filled = [index in self._unseen for index in range(len(self._filled))]
         elif tick < self.tick or self._filled[index]:
             self.stale += 1
+            self.repeated = tick == self.tick and not self._open and index == len(self._filled) - 1
             return False
         self._values[index], self._filled[index] = value, True
         if all(self._filled):

@@ -40,10 +40,10 @@ class Shell(LifecycleNode):
         self.fault = ""
         self.active = False
         self._configured = False
-        defaults = shipped_values(name)
-        given = getattr(self, "_parameter_overrides", {})
-        self.robot = Robot.from_file(str(given["robot"].value if "robot" in given else defaults["robot"]))
-        parameters = ParameterSet(name, COMMON.parameters + own.parameters, COMMON.rules + own.rules)
+        self.defaults = defaults = shipped_values(name)
+        self.robot = self.find_robot()
+        common = tuple(parameter for parameter in COMMON.parameters if parameter.name not in own.names)
+        parameters = ParameterSet(name, common + own.parameters, COMMON.rules + own.rules)
         self.desk = ParameterDesk(
             self, parameters, defaults, self.robot.joints, lambda: self.active, self.prepare, self._accept
         )
@@ -55,7 +55,16 @@ class Shell(LifecycleNode):
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", chain_qos(10))
         self.create_timer(1.0, self.publish_diagnostics, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
+    def first_value(self, name: str) -> Any:
+        """A parameter's value before it is declared: given at the start, else shipped."""
+        given = getattr(self, "_parameter_overrides", {})
+        return given[name].value if name in given else self.defaults[name]
+
     # What a node provides ---------------------------------------------------------------------------------------
+
+    def find_robot(self) -> Robot:
+        """The robot whose joints the per-joint parameters are for. Raises RobotError or ConfigError."""
+        return Robot.from_file(str(self.first_value("robot")))
 
     def prepare(self, values: Mapping[str, Any]) -> Any:
         """What the loop needs, from a complete and valid set of values. Raises HdError. Changes nothing."""

@@ -124,6 +124,17 @@ class TemperatureInput:
         return self.values
 
 
+def wait_matched(subscriptions: Sequence[Any], publishers: Sequence[Any], timeout: float = 1.0) -> bool:
+    """Waits until every topic has another end, so that a first message is not lost to discovery; False at the timeout."""
+    end = time.monotonic() + timeout
+    while time.monotonic() < end:
+        heard = all(subscription.handle.get_publisher_count() for subscription in subscriptions)
+        if heard and all(publisher.get_subscription_count() for publisher in publishers):
+            return True
+        time.sleep(0.01)
+    return False
+
+
 class Waiter:
     """Waits on chosen subscriptions and on a guard condition that ends every wait."""
 
@@ -216,6 +227,7 @@ class JoinedTurn:
         self._joiner = Joiner(len(inputs), self._optional)
         self.statistics = LoopStatistics(dt_ns)
         self.active = False
+        self.on_repeat: Callable[[], None] | None = None
 
     def __call__(self) -> None:
         joiner, inputs = self._joiner, self._inputs
@@ -224,6 +236,10 @@ class JoinedTurn:
             taken = raw.take()
             if taken is not None and joiner.offer(index, (taken[0] + self._half) // self._dt_ns, taken):
                 self._act(joiner)
+        if joiner.repeated:
+            joiner.repeated = False
+            if self.active and self.on_repeat is not None:
+                self.on_repeat()
 
     def _act(self, joiner: Joiner) -> None:
         if not self.active:

@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 from hd_control.core.parameters import ParameterSet
 from hd_control.nodes import topics
 from hd_control.nodes.lifecycle_shell import OK, Introspection, Shell
-from hd_control.nodes.ros_loop import JoinedTurn, RawInput, TemperatureInput, chain_qos
+from hd_control.nodes.ros_loop import JoinedTurn, RawInput, TemperatureInput, chain_qos, wait_matched
 from hd_control.nodes.stage import Bus, Stage
 
 PUBLISHER_DEPTH = 1
@@ -52,6 +52,8 @@ class StageShell(Shell):
         self.prefixes = tuple(prefixes)
         self.stages: list[Stage] = []
         self._turn: JoinedTurn | None = None
+        self._answer: Bus = {}
+        self._answer_stamp_ns = 0
         super().__init__(name, own)
 
     def make_stages(self, values: Mapping[str, Any]) -> list[Stage]:
@@ -80,10 +82,12 @@ class StageShell(Shell):
         self.introspection = Introspection(self, [name for stage in self.stages for name in stage.names()])
         optional = [index for index, topic in enumerate(wanted) if topic in late]
         self._turn = JoinedTurn(self.loop, self.inputs, self._tick, self.dt_ns, optional=optional)
+        self._turn.on_repeat = self._answer_again
         return self._turn
 
     def begin(self) -> None:
         assert self._turn is not None
+        wait_matched([raw.subscription for raw in self.inputs], [output.publisher for output in self.outputs.values()])
         self._turn.restart()
         for stage in self.stages:
             stage.start()
@@ -106,12 +110,19 @@ class StageShell(Shell):
         for stage in self.stages:
             stage.emergency()
 
+    def _answer_again(self) -> None:
+        """The sender of the present tick has no answer yet: a message was lost while nodes were finding each other."""
+        for topic, arrays in self._answer.items():
+            self.outputs[topic].publish(self._answer_stamp_ns, arrays)
+
     def run_stages(self, tick: int, stamp_ns: int, bus: Bus) -> Bus:
         """All stages on one bus; each result is published as soon as it is there."""
+        answer: Bus = {}
         for stage in self.stages:
             for topic, arrays in stage.step(tick, bus).items():
                 self.outputs[topic].publish(stamp_ns, arrays)
-                bus[topic] = arrays
+                bus[topic] = answer[topic] = arrays
+        self._answer, self._answer_stamp_ns = answer, stamp_ns
         introspection = self.introspection
         if introspection is not None and introspection.on:
             introspection.publish(np.concatenate([part for stage in self.stages for part in stage.numbers()]))

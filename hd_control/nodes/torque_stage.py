@@ -10,9 +10,10 @@ import numpy as np
 from hd_control.control import safety_gate as gate
 from hd_control.control import torque
 from hd_control.core.blocks import Block
-from hd_control.core.faults import Action, Fault, FaultCode
+from hd_control.core.faults import FaultCode
 from hd_control.core.robot import Robot
 from hd_control.nodes import topics
+from hd_control.nodes.fault_book import FaultBook
 from hd_control.nodes.stage import ERROR, OK, Bus, Stage
 from hd_control.nodes.wiring import TORQUE
 
@@ -29,8 +30,7 @@ class TorqueStage(Stage):
         self.ages, self.ticks = np.zeros(joints), np.zeros(joints)
         self.stopped_command = np.full(joints, np.nan)
         self.exception: Exception | None = None
-        self.faults: dict[tuple[int, int], tuple[int, Fault]] = {}
-        self.first_stop: Fault | None = None
+        self.faults = FaultBook()
         self.reset_asked = False
         self.reset_answer: list[str] | None = None
 
@@ -71,37 +71,27 @@ class TorqueStage(Stage):
         allowed, self.gate_state, faults = gate.safety_gate_compiled(
             command, self.measured, self.ages, self.ticks, self.limits, self.gate_state
         )
-        for fault in faults:
-            self.note(fault)
+        if faults:
+            self.faults.note(faults, tick)
         return allowed
-
-    def note(self, fault: Fault) -> None:
-        """Counts a fault by code and joint; the first that stops keeps its numbers."""
-        key = (int(fault.code), fault.joint)
-        self.faults[key] = (self.faults.get(key, (0, fault))[0] + 1, fault)
-        if self.first_stop is None and fault.action >= Action.CONTROLLED_STOP:
-            self.first_stop = fault
 
     def answer_reset(self) -> None:
         """Between two ticks, on request of the reset service."""
         self.gate_state, refused = gate.reset(self.gate_state, self.measured, self.limits)
         if not refused:
-            self.first_stop, self.exception = None, None
+            self.exception = None
             self.faults.clear()
         self.reset_answer, self.reset_asked = refused, False
 
     def report(self) -> tuple[int, str, dict[str, Any]]:
-        values: dict[str, Any] = {"gate_stopped": bool(self.gate_state.stopped)}
-        for (code, joint), (count, fault) in list(self.faults.items()):
-            where = self.joint_names[joint] if joint >= 0 else "robot"
-            values[f"{FaultCode(code).text} {where}"] = f"{count} x, last: {fault.text(self.joint_names)}"
+        values: dict[str, Any] = {"gate_stopped": bool(self.gate_state.stopped), **self.faults.values(self.joint_names)}
         if self.state is not None:
             for name in ("coulomb_torque", "friction_offset", "viscous_positive", "viscous_negative", "torsional_compliance"):
                 values[name] = " ".join(f"{number:.6g}" for number in self.state.view(name))
         if self.exception is not None:
             return ERROR, f"{FaultCode.EXCEPTION.text}: {self.exception!r}", values
         if self.gate_state.stopped != 0.0:
-            return ERROR, self.first_stop.text(self.joint_names) if self.first_stop else "stopped; call reset", values
+            return ERROR, self.faults.headline(self.joint_names) or "stopped; call reset", values
         return OK, "", values
 
     def emergency(self) -> None:

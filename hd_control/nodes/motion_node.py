@@ -1,0 +1,38 @@
+"""`motion_node`: goals to references, references and joint states to the required joint torque.
+
+Goals on `joint_trajectory` are checked completely before acceptance; the answer is on `~/goal_status` (latched): `accepted
+ID` or the refusal. Stamp 0 starts at the next ticks. Exit codes: 0 stopped, 1 internal fault, 2 bad configuration.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from hd_control.control import motion
+from hd_control.nodes.goal_desk import GoalDesk
+from hd_control.nodes.motion_stage import MotionStage
+from hd_control.nodes.process import run_node
+from hd_control.nodes.stage import Stage
+from hd_control.nodes.stage_shell import StageShell
+
+
+class MotionNode(StageShell):
+    """One law with a trajectory in front of it."""
+
+    def __init__(self) -> None:
+        super().__init__("motion_node", motion.PARAMETERS)
+        self.goals = GoalDesk(self, self.motion, lambda: self.values)
+
+    def make_stages(self, values: Any) -> list[Stage]:
+        self.motion = MotionStage(self.robot, self.dt, values["goal_blend_time"])
+        return [self.motion]
+
+
+def main() -> int:
+    """Entry point."""
+    return run_node(MotionNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,66 @@
+"""The motion law with the trajectory in front of it. Goals are checked by another thread and handed over as paths."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hd_control.control import motion
+from hd_control.control.trajectory import Path, TrajectoryFollower
+from hd_control.core.robot import Robot
+from hd_control.nodes.stage import OK, Bus, Stage
+from hd_control.nodes.wiring import MOTION
+
+
+class MotionStage(Stage):
+    """Follows one path, holds the measured position before the first."""
+
+    def __init__(self, robot: Robot, dt: float, blend_time: float) -> None:
+        super().__init__(MOTION, motion, robot, dt)
+        self.blend_time = blend_time
+        self.follower: TrajectoryFollower | None = None
+        self._handover: Path | None = None
+        self._reference_array = self._find_reference_array()
+        self.late_goals = 0
+
+    def start(self) -> None:
+        """A new activation: link parameters survive, the reference starts at the measured position."""
+        kept = None if self.state is None else motion.restarted(self.state)
+        super().start()
+        self.state, self.follower, self._handover = kept, None, None
+
+    def hand_over(self, path: Path) -> None:
+        """Gives a checked path to the loop, from any thread; the newest wins."""
+        self._handover = path
+
+    def step(self, tick: int, bus: Bus) -> Bus:
+        self.read(bus)
+        if self.follower is None:
+            self.follower = TrajectoryFollower(
+                self.joint_names, self.dt, self.sample.joint_position, tick, self.blend_time
+            )
+        path, self._handover = self._handover, None
+        if path is not None:
+            self._take(path, tick)
+        self.follower.sample(tick, self._reference_array)
+        self.advance()
+        self.tick = tick
+        return self.results()
+
+    def _take(self, path: Path, tick: int) -> None:
+        assert self.follower is not None
+        if path.start_tick < tick:
+            self.late_goals += 1
+        else:
+            self.follower.accept(path, tick)
+
+    def _find_reference_array(self) -> Any:
+        """The reference block begins with desired position, velocity, acceleration: the follower writes straight into it."""
+        assert self.reference is not None
+        return self.reference.array[: 3 * len(self.joint_names)]
+
+    def report(self) -> tuple[int, str, dict[str, Any]]:
+        follower = self.follower
+        if follower is None:
+            return OK, "", {"goal": "none"}
+        moving = follower.moving(self.tick)
+        return OK, "", {"goal": follower.active.identifier, "moving": moving, "late_goals": self.late_goals}

@@ -1,0 +1,1 @@
+"""ROS 2 shells of the simulated world."""

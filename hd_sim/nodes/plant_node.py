@@ -1,0 +1,161 @@
+"""`plant_node`: the simulated drives, arm and sensors; sets the tick. `~/reset` ends a latched stop of its gate.
+
+`~/progress` (latched) tells the next tick, every 50 ticks and whenever the plant stands still. Exit codes: 0 stopped on
+request, 1 internal fault, 2 bad configuration.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Temperature
+from std_msgs.msg import String, UInt64
+
+from hd_control.core.errors import ConfigError
+from hd_control.core.parameters import ParameterSet
+from hd_control.core.robot import Robot
+from hd_control.nodes import topics
+from hd_control.nodes.gate_values import LIMITS, limits_block
+from hd_control.nodes.lifecycle_shell import ERROR, OK, WARN, Shell
+from hd_control.nodes.process import run_node
+from hd_control.nodes.reset_service import serve_reset
+from hd_control.nodes.ros_loop import chain_qos, latched_qos, wait_matched
+from hd_control.nodes.stage_shell import Output
+from hd_control.record.cdr import ClockCodec, TemperatureCodec
+from hd_sim.nodes.command_input import CommandInput
+from hd_sim.nodes.plant_parameters import PARAMETERS, plant_config
+from hd_sim.nodes.plant_turn import PlantTurn
+from hd_sim.nodes.world import World
+from hd_sim.plant_config import PlantConfig
+
+
+class TopicSeam:
+    """The plant's topics."""
+
+    def __init__(self, node: Shell, world: World, lockstep: bool) -> None:
+        names = world.joint_names
+        self._node, self._world, self._dt_ns = node, world, node.dt_ns
+        self._outputs = [(topic, Output(node, topic, names)) for topic in topics.SENSORS]
+        self.sensor_publishers = [output.publisher for _, output in self._outputs]
+        self._temperature = node.create_publisher(Temperature, topics.TEMPERATURE, chain_qos(2 * len(names)))
+        self._temperature_codecs = [TemperatureCodec(name) for name in names]
+        self._clock = node.create_publisher(Clock, topics.CLOCK, chain_qos()) if lockstep else None
+        self._clock_codec = ClockCodec()
+        self._progress = node.create_publisher(UInt64, "~/progress", latched_qos())
+        self._description = node.create_publisher(String, topics.DESCRIPTION, latched_qos())
+        self._description.publish(String(data=node.robot.urdf))
+        self.commands = CommandInput(node, names, node.group, lambda: world.seam.stopped)
+        self._behind = node.create_subscription(
+            UInt64, topics.PROGRESS, lambda _: None, latched_qos(), callback_group=node.group
+        )
+        self._recorded = -1
+
+    def send(self, tick: int, stamp_ns: int, sensors: Any) -> None:
+        if self._clock is not None:
+            self._clock.handle.publish_raw(self._clock_codec.encode(stamp_ns))
+        for topic, output in self._outputs:
+            output.publish(stamp_ns, sensors[topic])
+
+    def send_temperature(self, stamp_ns: int, temperature: Any) -> None:
+        for codec, name, value in zip(self._temperature_codecs, self._world.joint_names, temperature, strict=True):
+            self._temperature.handle.publish_raw(codec.encode(stamp_ns, name, temperature=value))
+
+    def collect(self, timeout_ns: int) -> None:
+        if timeout_ns > 0:
+            self._node.loop.waiter.wait((self.commands.subscription.handle,), timeout_ns)
+        self.commands.drain(self._use)
+
+    def _use(self, joints: Any, torque: Any, stamp_ns: int) -> None:
+        self._world.command(joints, torque, (stamp_ns + self._dt_ns // 2) // self._dt_ns)
+
+    def recorded(self) -> int:
+        while (taken := self._behind.handle.take_message(UInt64, False)) is not None:
+            self._recorded = taken[0].data
+        return self._recorded
+
+    def progress(self, tick: int) -> None:
+        self._progress.publish(UInt64(data=tick))
+
+    def destroy(self) -> None:
+        """Removes the topics."""
+        for publisher in (*self.sensor_publishers, self._temperature, self._progress, self._description):
+            self._node.destroy_publisher(publisher)
+        for subscription in (self.commands.subscription, self._behind):
+            self._node.destroy_subscription(subscription)
+        if self._clock is not None:
+            self._node.destroy_publisher(self._clock)
+
+
+class PlantNode(Shell):
+    """The world behind its own gate."""
+
+    def __init__(self) -> None:
+        self.turn: PlantTurn | None = None
+        self.world: World | None = None
+        super().__init__("plant_node", ParameterSet("plant_node", (*PARAMETERS.parameters, LIMITS), PARAMETERS.rules))
+        serve_reset(self, lambda: self.world)
+
+    def find_robot(self) -> Robot:
+        return PlantConfig.from_file(str(self.first_value("plant"))).robot
+
+    def prepare(self, values: Mapping[str, Any]) -> Any:
+        return plant_config(values), limits_block(values["limits"], self.robot.joint_names, values["period"])
+
+    def adopt(self, prepared: Any) -> None:
+        self.prepared = prepared
+        self._set_live_values()
+
+    def build(self) -> Callable[[], None]:
+        config, limits = self.prepared
+        self.world = World(config, limits, self.values["seed"])
+        lockstep = self.values["clock"] == "lockstep"
+        self.seam = TopicSeam(self, self.world, lockstep)
+        lag = self.values["lockstep_recorder_lag"]
+        self.turn = PlantTurn(self.loop, self.world, self.seam, self.dt_ns, lockstep, lag)
+        self._set_live_values()
+        return self.turn
+
+    def begin(self) -> None:
+        if self.turn is None:
+            raise ConfigError("plant_node is not configured")
+        self.seam.commands.release()
+        wait_matched([self.seam.commands.subscription], self.seam.sensor_publishers)
+        self.turn.start()
+        self.turn.active = True
+
+    def end(self) -> None:
+        if self.turn is not None:
+            self.turn.active = False
+
+    def dismantle(self) -> None:
+        self.seam.destroy()
+        self.turn = self.world = None
+
+    def status(self) -> tuple[bytes, str, dict[str, Any]]:
+        turn, world = self.turn, self.world
+        if turn is None or world is None:
+            return OK, "", {}
+        stop, values = world.report()
+        turn.statistics.foreign = self.seam.commands.foreign
+        values = turn.statistics.summary() | values | {"tick": turn.tick, "skipped": turn.skipped}
+        if stop or turn.fault:
+            return ERROR, "; ".join(filter(None, [turn.fault, stop])), values
+        return (WARN, "late or foreign commands", values) if world.seam.late or turn.statistics.foreign else (OK, "", values)
+
+    def _set_live_values(self) -> None:
+        if self.turn is not None:
+            self.turn.pause_at, self.turn.stop_after = self.values["pause_at_tick"], self.values["stop_after_tick"]
+            self.turn.timeout_ns = round(self.values["lockstep_timeout"] * 1e9)
+            self.loop.waiter.wake()
+
+
+def main() -> int:
+    """Entry point."""
+    return run_node(PlantNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
