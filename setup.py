@@ -1,4 +1,4 @@
-"""Build of the compiled parts and of the files around the Python code. Metadata is in pyproject.toml and package.xml."""
+"""Builds the compiled parts and places the shipped files. The metadata is in pyproject.toml and package.xml."""
 
 import os
 import shutil

@@ -1,1 +1,40 @@
-"""Makes the slow, obvious re-statements in test/oracles importable as `oracles`."""
+"""What every test shares: seeds, and a ROS of its own that no other run can hear."""
+
+from __future__ import annotations
+
+import os
+import random
+import tempfile
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+SEED = int(os.environ.get("HD_SEED", "20240229"))
+
+# Set before anything imports rclpy. A number given from outside wins, so that a run can be joined or repeated.
+os.environ.setdefault("ROS_DOMAIN_ID", str(random.SystemRandom().randint(1, 100)))
+os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+os.environ.setdefault("ROS_LOG_DIR", os.path.join(tempfile.gettempdir(), f"hd_test_log_{os.getuid()}"))
+
+# No deadline: a busy machine is not a defect. The same examples each time, unless HD_SEED asks for others.
+settings.register_profile("repeatable", deadline=None, derandomize="HD_SEED" not in os.environ)
+settings.load_profile("repeatable")
+
+
+def pytest_report_header() -> str:
+    """What is needed to repeat this run."""
+    return f"HD_SEED={SEED} ROS_DOMAIN_ID={os.environ['ROS_DOMAIN_ID']}"
+
+
+@pytest.fixture(autouse=True)
+def _seeded() -> None:
+    """The global generators start equal in each test, whatever ran before it."""
+    random.seed(SEED)
+    np.random.seed(SEED % 2**32)  # noqa: NPY002 - only to pin code that still uses the global state
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """A generator that starts equal in each test; HD_SEED changes it."""
+    return np.random.default_rng(SEED)

@@ -9,13 +9,12 @@ from hd_control.core.errors import ConfigError
 
 
 def _folder(name: str) -> Path:
-    checkout = Path(__file__).resolve().parents[2] / name
-    if checkout.is_dir():
-        return checkout
-    try:
-        return Path(str(importlib.resources.files(f"hd_control.{name}")))
-    except ModuleNotFoundError:
-        raise ConfigError(f"the shipped folder {name}/ was not found; reinstall hd_control") from None
+    # Installed, the folder lies in the package; a checkout is asked last, for any site-packages may hold a `config/`.
+    package = Path(str(importlib.resources.files("hd_control")))
+    for folder in (package / name, Path(__file__).resolve().parents[2] / name):
+        if folder.is_dir():
+            return folder
+    raise ConfigError(f"the shipped folder {name}/ was not found; reinstall hd_control")
 
 
 def config_path(relative: str = "") -> Path:

@@ -1,0 +1,135 @@
+"""The package as it is installed: names, versions, files and executables agree wherever they are written twice."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+import venv
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+
+import hd_control
+
+ROOT = Path(__file__).resolve().parents[1]
+NODES = {"plant_node", "fusion_node", "motion_node", "torque_node", "recorder_node", "chain"}
+
+
+def scripts() -> dict[str, str]:
+    """Executable to `module:function`, from pyproject.toml."""
+    text = (ROOT / "pyproject.toml").read_text().partition("[project.scripts]")[2].partition("\n[")[0]
+    return dict(re.findall(r'^(\w+) = "([\w.:]+)"', text, re.MULTILINE))
+
+
+def requirements() -> dict[str, list[str]]:
+    """Lock file name to its requirement blocks (the lines of one requirement joined)."""
+    found = {}
+    for path in sorted((ROOT / "requirements").glob("*.lock")):
+        found[path.stem] = path.read_text().replace(" \\\n", " ").splitlines()
+    return found
+
+
+def test_versions_agree() -> None:
+    assert ElementTree.parse(ROOT / "package.xml").findtext("version") == hd_control.__version__
+    assert f"## {hd_control.__version__}" in (ROOT / "CHANGELOG.md").read_text()
+
+
+def test_the_ros_package_is_complete() -> None:
+    package = ElementTree.parse(ROOT / "package.xml").getroot()
+    assert package.findtext("name") == "hd_control" and package.findtext("license") == "Apache-2.0"
+    assert package.findtext("export/build_type") == "ament_python"
+    assert (ROOT / "resource" / "hd_control").is_file()
+
+
+def test_every_message_package_is_declared() -> None:
+    declared = {node.text for node in ElementTree.parse(ROOT / "package.xml").getroot().iter("exec_depend")}
+    used = set()
+    for path in [*ROOT.glob("hd_control/nodes/*.py"), *ROOT.glob("hd_sim/nodes/*.py")]:
+        used |= set(
+            re.findall(r"^\s*(?:from|import) (\w+_msgs|\w+_interfaces|rclpy)\b", path.read_text(), re.MULTILINE)
+        )
+    # Offered where it is installed, never required: the action of the trajectory goals.
+    assert used - {"control_msgs"} <= declared, f"missing in package.xml: {used - declared}"
+
+
+def test_every_executable_exists() -> None:
+    found = scripts()
+    assert set(found) == {*NODES, "hd"}
+    for name, target in found.items():
+        module, _, function = target.partition(":")
+        path = ROOT / (module.replace(".", "/") + ".py")
+        assert path.is_file(), f"{name}: {path} is missing"
+        defined = {node.name for node in ast.parse(path.read_text()).body if isinstance(node, ast.FunctionDef)}
+        assert function in defined, f"{name}: {module} has no function {function}"
+
+
+def test_locks_pin_every_package_with_a_hash() -> None:
+    for name, blocks in requirements().items():
+        assert blocks, name
+        for block in blocks:
+            assert re.match(r"[a-z0-9.-]+==[\w.]+( ; [^\\]+?)? --hash=sha256:[0-9a-f]{64}", block), (
+                f"{name}.lock: {block[:80]}"
+            )
+
+
+def test_locks_do_not_overlap() -> None:
+    names = {group: {block.split("==")[0] for block in blocks} for group, blocks in requirements().items()}
+    groups = sorted(names)
+    for i, one in enumerate(groups):
+        for other in groups[i + 1 :]:
+            assert not names[one] & names[other], f"{one}.lock and {other}.lock"
+
+
+def test_a_sourced_ros_brings_its_own() -> None:
+    """With a sourced ROS only build, run and test are installed: none may bring ROS or what its messages build on."""
+    for group in ("run", "build", "test"):
+        names = {block.split("==")[0] for block in requirements()[group]}
+        assert not [name for name in names if name.startswith("ros-") or name in ("numpy", "scipy")], group
+
+
+@pytest.mark.slow
+def test_an_install_finds_its_files(tmp_path: Path) -> None:
+    """`pip install .` of a copy, into an environment of its own that borrows the packages of this one."""
+    environment = tmp_path / "environment"
+    venv.create(environment, with_pip=False, symlinks=True)
+    python = environment / "bin" / "python"
+    source = tmp_path / "source"
+    done = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True)
+    if done.returncode:
+        pytest.skip("needs the git checkout")
+    for name in filter(None, done.stdout.split("\0")):
+        if (ROOT / name).is_file():
+            (source / name).parent.mkdir(parents=True, exist_ok=True)
+            (source / name).write_bytes((ROOT / name).read_bytes())
+            (source / name).chmod((ROOT / name).stat().st_mode)
+    install = [
+        sys.executable,
+        "-m",
+        "pip",
+        "--python",
+        str(python),
+        "install",
+        "-q",
+        "--no-deps",
+        "--no-build-isolation",
+    ]
+    subprocess.run([*install, "--no-index", str(source)], check=True, cwd=tmp_path)
+    hd = subprocess.run([environment / "bin" / "hd", "--version"], capture_output=True, text=True, cwd=tmp_path)
+    assert hd.stdout == f"hd {hd_control.__version__}\n", hd.stderr
+    code = (
+        "import hd_control; from hd_control.core import resources; print(resources.config_path(), hd_control.__file__)"
+    )
+    config, file = subprocess.run([python, "-c", code], capture_output=True, text=True, cwd=tmp_path).stdout.split()
+    assert Path(config).is_relative_to(environment) and Path(file).is_relative_to(environment)
+    shipped = {str(path.relative_to(source / "config")) for path in (source / "config").rglob("*") if path.is_file()}
+    assert shipped == {str(path.relative_to(config)) for path in Path(config).rglob("*") if path.is_file()}
+    share = environment / "share"
+    assert (share / "ament_index" / "resource_index" / "packages" / "hd_control").is_file()
+    assert (share / "hd_control" / "package.xml").is_file()
+    compiled = {path.name.split(".")[0] for path in environment.rglob("hd_*/_*.so")}
+    wanted = {f"_{path.name.removesuffix('_module.cpp')}" for path in source.glob("hd_*/cpp/*_module.cpp")}
+    assert compiled == wanted
+    assert {path.name for path in (environment / "bin").iterdir()} >= {*NODES, "hd"}
