@@ -208,7 +208,7 @@ class TestBothForms:
             assert same(out, np.zeros(N)) and new.stopped == 0.0
 
     def test_after_activation_the_command_may_catch_up(self, gate):
-        """From zero to a gravity torque of 95 N m takes 10 steps of 10; joint 3 needs 29 of 0.7: no stop, all counted."""
+        """From zero to a gravity torque of 95 N m takes 10 steps, joint 3 needs 29: no stop, all counted."""
         state = sg.activate(sg.initial_gate_state(N), limits(), np.zeros(N))
         for _ in range(40):
             out, state, _ = send(gate, [95.0, 0.0, 20.0], state)
