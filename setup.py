@@ -82,6 +82,7 @@ class BuildPython(build_py):
 
 
 setup(
+    python_requires=">=3.10",
     packages=find_packages(include=["hd_control*", "hd_sim*"]),
     package_data={"hd_control": ["studio/assets/**/*"], "": ["py.typed"]},
     data_files=data_files(),
