@@ -1,6 +1,6 @@
 """Zhu's stability proof as a test: the balance of V1 for random states, and V1 falling on an ideal drive.
 
-The ideal drive runs under the compiled law (`literal`, raw differences at 50 kHz), so the proof covers the shipped code.
+The ideal drive runs under the compiled law (`literal`, nearly raw differences at 50 kHz): the proof covers the code.
 """
 
 import math
@@ -16,7 +16,8 @@ from hd_control.core.strict_yaml import load_params_file
 J7 = {
     "k_f": 2.6e4, "d": 1e-3, "I": 1.0, "l_phi": 50.0, "l_tau": 2e-4, "k_phi": 25.0, "k_tau": 1.0,
     "g1": 2.4e-2, "g2": 2.24e-4, "rho": [400.0, 100.0, 4e4, 4e4], "low": [-4.0, -10.0, 0.0, 0.0],
-    "high": [7.0, 10.0, 80.0, 80.0], "rho_zeta": 1e-4, "zeta_low": 3e-5, "zeta_high": 4e-5, "theta": [4.0, 0.3, 25.0, 27.0],
+    "high": [7.0, 10.0, 80.0, 80.0], "rho_zeta": 1e-4, "zeta_low": 3e-5, "zeta_high": 4e-5,
+    "theta": [4.0, 0.3, 25.0, 27.0],
 }  # fmt: skip
 
 
@@ -76,7 +77,7 @@ def prescribed(t):
 
 
 def run_ideal_drive(seconds, dt, **changes):
-    """V1 along the compiled law on an ideal drive with prescribed link motion and required torque; joint 7, Table II."""
+    """V1 along the compiled law on an ideal drive with prescribed link motion and required torque; joint 7."""
     values = load_params_file(config_path("torque_node.yaml"), "torque_node")
     values |= {"joints": ["joint_7"], "compliance_derivative": "literal", "derivative_cutoff": 1e5} | changes
     params = torque.configure(values, None, dt)
@@ -115,7 +116,7 @@ def rebound(seen):
 
 
 def test_v1_falls_under_the_compiled_law():
-    """From 290 to below 0.1; discrete time adds back no more than 1e-3 (measured 3.1e-4, where friction changes sign)."""
+    """From 290 to below 0.1; discrete time adds back at most 1e-3 (measured 3.1e-4, where friction changes sign)."""
     seen = run_ideal_drive(1.0, 2e-5, **UNLIMITED)
     assert 280 < seen[0] < 300
     assert seen[-1] < 0.1

@@ -1,6 +1,6 @@
 """Zhu's Lyapunov function V1 of the torque loop with its derivative, and an ideal drive, in continuous time.
 
-Plant: KE = 0, no hysteresis, Zhu (1)-(4). Controller: Zhu (5)-(14) with exact derivatives; the algebraic loop is solved.
+Plant: KE = 0, no hysteresis, Zhu (1)-(4). Controller: Zhu (5)-(14) with exact derivatives, algebraic loop solved.
 Letters as in the paper; `p` holds numbers by these letters.
 """
 
