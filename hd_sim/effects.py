@@ -25,11 +25,15 @@ FloatArray = NDArray[np.float64]
 
 @dataclass
 class Drive:
-    """The settings of one joint, to be changed in place. `inertia` is the smallest effective link inertia, kg m^2."""
+    """The settings of one joint, to be changed in place.
+
+    link_center (3,) m, start_position rad, inertia: smallest effective link inertia, kg m^2 (0 where not needed).
+    """
 
     settings: dict[str, FloatArray]
     joint: int
     link_center: FloatArray
+    start_position: float
     inertia: float
 
     def get(self, name: str) -> float:
@@ -226,9 +230,8 @@ def friction_step(drive: Drive, size: Mapping[str, Any], strength: float, rng: n
 
 @_effect
 def tooth_defect(drive: Drive, size: Mapping[str, Any], strength: float, rng: np.random.Generator) -> None:
-    position = rng.uniform(-0.3, 0.3)  # where every trajectory passes
     drive.set(tooth_defect_height=strength * size["height"], tooth_defect_width=size["width"])
-    drive.set(tooth_defect_position=position)
+    drive.set(tooth_defect_position=drive.start_position + rng.uniform(-size["range"], size["range"]))
 
 
 @_effect

@@ -88,7 +88,8 @@ def apply_hidden(config: PlantConfig, effects: Sequence[HiddenEffect], seed: int
             raise ConfigError(f"{effect.name}: strength {effect.strength} is not a number >= 0")
         if effect.strength > 0.0:
             inertia = _effective_inertia(config, joint) if effect.name == "structural_resonance" else 0.0
-            drive = Drive(drives, joint, config.robot.center_of_mass[joint], inertia)
+            center, start = config.robot.center_of_mass[joint], float(config.start_position[joint])
+            drive = Drive(drives, joint, center, start, inertia)
             rng = np.random.default_rng(noise_key(seed, f"{effect.name}/{config.robot.joint_names[joint]}"))
             EFFECTS[effect.name](drive, sizes()[effect.name], effect.strength, rng)
     return replace(config, drives=drives)
