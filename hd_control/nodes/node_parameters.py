@@ -22,12 +22,14 @@ COMMON = ParameterSet(
 
 
 def shipped_values(node: str) -> dict[str, Any]:
-    """Shipped values of a node's parameters. The chain takes its laws' values from their own files, with a prefix.
+    """Shipped values of a node's parameters. The chain takes its laws' values from their own files, with a
+    prefix, and those of the plant without one.
 
     Raises ConfigError for a file that is missing or malformed.
     """
     values = load_params_file(config_path("nodes.yaml"), node)
     if node == "chain":
+        values.update(load_params_file(config_path("plant_node.yaml"), "plant_node"))
         for part in CHAIN_PARTS:
             law = load_params_file(config_path(f"{part}_node.yaml"), f"{part}_node")
             values.update({f"{part}.{name}": value for name, value in law.items() if name not in COMMON.names})

@@ -32,6 +32,11 @@ class Stage:
         joints = len(self.joint_names)
         self.sample: Block = law.new_sample(joints)
         self.reference: Block | None = law.new_reference(joints) if hasattr(law, "new_reference") else None
+        rows = [*wiring.sample.items(), *wiring.slow.items()]
+        self._inputs = [(self.sample.view(name), *source) for name, source in rows]
+        if self.reference is not None:
+            self._inputs += [(self.reference.view(name), *source) for name, source in wiring.reference.items()]
+        self._results: list[tuple[str, str, slice]] = []
         self.params: Block | None = None
         self.state: Block | None = None
         self.output: Block | None = None
@@ -57,16 +62,12 @@ class Stage:
         return self.results()
 
     def read(self, bus: Bus) -> None:
-        """Fills sample and reference from the bus; an optional topic that is absent leaves its fields as they were."""
+        """Fills sample and reference from the bus; a topic that is absent leaves its fields as they were."""
         pick = self._pick
-        for name, (topic, array) in self.wiring.sample.items():
-            self.sample.view(name)[:] = bus[topic][array][pick]
-        for name, (topic, array) in self.wiring.slow.items():
-            if topic in bus:
-                self.sample.view(name)[:] = bus[topic][array][pick]
-        for name, (topic, array) in self.wiring.reference.items():
-            if topic in bus and self.reference is not None:
-                self.reference.view(name)[:] = bus[topic][array][pick]
+        for view, topic, array in self._inputs:
+            arrays = bus.get(topic)
+            if arrays is not None:
+                view[:] = arrays[array][pick]
 
     def advance(self) -> None:
         """The law's step, with the state made on the first tick."""
@@ -79,12 +80,16 @@ class Stage:
 
     def results(self) -> Bus:
         """Output fields as the arrays of each topic."""
-        output = self.output
-        assert output is not None
-        return {
-            topic: {array: output.view(name) for array, name in arrays.items()}
-            for topic, arrays in self.wiring.outputs.items()
-        }
+        assert self.output is not None
+        if not self._results:
+            parts = self.output.layout.slices
+            outputs = self.wiring.outputs.items()
+            self._results = [(topic, array, parts[name]) for topic, arrays in outputs for array, name in arrays.items()]
+        numbers = self.output.array
+        found: Bus = {}
+        for topic, array, part in self._results:
+            found.setdefault(topic, {})[array] = numbers[part]
+        return found
 
     def blocks(self) -> list[tuple[str, Block]]:
         """The blocks of the present tick by kind, for introspection."""

@@ -63,7 +63,7 @@ class StageShell(Shell):
     def prepare(self, values: Mapping[str, Any]) -> list[Any]:
         if not self.stages:
             self.stages = self.make_stages(values)
-        return [stage.prepare(_own(values, prefix)) for stage, prefix in zip(self.stages, self.prefixes, strict=True)]
+        return [stage.prepare(own_values(values, prefix)) for stage, prefix in zip(self.stages, self.prefixes, strict=True)]
 
     def adopt(self, prepared: list[Any]) -> None:
         for stage, params in zip(self.stages, prepared, strict=True):
@@ -148,8 +148,10 @@ class StageShell(Shell):
         return level, "; ".join(texts), values
 
 
-def _own(values: Mapping[str, Any], prefix: str) -> Mapping[str, Any]:
+def own_values(values: Mapping[str, Any], prefix: str) -> Mapping[str, Any]:
+    """The values of one law: those under its prefix, without it, and the robot."""
     if not prefix:
         return values
     head = f"{prefix}."
-    return {name.removeprefix(head): value for name, value in values.items() if name.startswith(head)}
+    found = {name.removeprefix(head): value for name, value in values.items() if name.startswith(head)}
+    return found | {"robot": values["robot"]}

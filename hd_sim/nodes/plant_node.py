@@ -106,7 +106,8 @@ class PlantNode(Shell):
 
     def adopt(self, prepared: Any) -> None:
         self.prepared = prepared
-        self._set_live_values()
+        if self.turn is not None:
+            self.turn.live_values(self.values)
 
     def build(self) -> Callable[[], None]:
         config, limits = self.prepared
@@ -115,7 +116,7 @@ class PlantNode(Shell):
         self.seam = TopicSeam(self, self.world, lockstep)
         lag = self.values["lockstep_recorder_lag"]
         self.turn = PlantTurn(self.loop, self.world, self.seam, self.dt_ns, lockstep, lag)
-        self._set_live_values()
+        self.turn.live_values(self.values)
         return self.turn
 
     def begin(self) -> None:
@@ -135,21 +136,19 @@ class PlantNode(Shell):
         self.turn = self.world = None
 
     def status(self) -> tuple[bytes, str, dict[str, Any]]:
-        turn, world = self.turn, self.world
-        if turn is None or world is None:
+        if self.turn is None or self.world is None:
             return OK, "", {}
-        stop, values = world.report()
-        turn.statistics.foreign = self.seam.commands.foreign
-        values = turn.statistics.summary() | values | {"tick": turn.tick, "skipped": turn.skipped}
-        if stop or turn.fault:
-            return ERROR, "; ".join(filter(None, [turn.fault, stop])), values
-        return (WARN, "late or foreign commands", values) if world.seam.late or turn.statistics.foreign else (OK, "", values)
+        return plant_status(self.turn, self.world, self.seam)
 
-    def _set_live_values(self) -> None:
-        if self.turn is not None:
-            self.turn.pause_at, self.turn.stop_after = self.values["pause_at_tick"], self.values["stop_after_tick"]
-            self.turn.timeout_ns = round(self.values["lockstep_timeout"] * 1e9)
-            self.loop.waiter.wake()
+
+def plant_status(turn: PlantTurn, world: World, seam: TopicSeam) -> tuple[bytes, str, dict[str, Any]]:
+    """Level, one line and values for diagnostics."""
+    stop, values = world.report()
+    turn.statistics.foreign = seam.commands.foreign
+    values = turn.statistics.summary() | values | {"tick": turn.tick, "skipped": turn.skipped}
+    if stop or turn.fault:
+        return ERROR, "; ".join(filter(None, [turn.fault, stop])), values
+    return (WARN, "late or foreign commands", values) if world.seam.late or turn.statistics.foreign else (OK, "", values)
 
 
 def main() -> int:

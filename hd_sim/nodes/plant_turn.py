@@ -7,6 +7,7 @@ integrated while the control chain computes. In lock-step tick k+1 waits for the
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from typing import Any, Protocol
 
 from hd_control.core.blocks import FloatArray
@@ -36,14 +37,14 @@ class Seam(Protocol):
         """Takes the commands that are there; waits for one at most `timeout_ns`."""
 
     def recorded(self) -> int:
-        """The newest tick that the recorder has."""
+        """The newest tick that the recorder has; -1 before it is ready."""
 
     def progress(self, tick: int) -> None:
         """Tells how far the plant is."""
 
 
 class PlantTurn:
-    """One turn of the plant. `pause_at`, `stop_after`, `timeout_ns` may be changed by any thread."""
+    """One turn of the plant's loop."""
 
     def __init__(self, loop: FastLoop, world: World, seam: Seam, dt_ns: int, lockstep: bool, recorder_lag: int) -> None:
         self._loop, self._world, self._seam, self._dt_ns = loop, world, seam, dt_ns
@@ -62,6 +63,12 @@ class PlantTurn:
         self._reported = -1
         self._ask_again = 0
         self._sensors: Any = None
+
+    def live_values(self, values: Mapping[str, Any]) -> None:
+        """Takes over the parameters that may change while the plant runs; from any thread."""
+        self.pause_at, self.stop_after = values["pause_at_tick"], values["stop_after_tick"]
+        self.timeout_ns = round(values["lockstep_timeout"] * 1e9)
+        self._loop.waiter.wake()
 
     def __call__(self) -> None:
         if not self.active:
@@ -113,13 +120,14 @@ class PlantTurn:
         self._finish(tick)
 
     def _recorder_behind(self) -> bool:
-        if self._lag == 0 or self.tick - self._seam.recorded() <= self._lag:
+        recorded = self._seam.recorded() if self._lag else 0
+        if self._lag == 0 or (recorded >= 0 and self.tick - max(recorded, self.first_tick) <= self._lag):
             self._waiting_since = 0
             return False
         now = time.monotonic_ns()
         self._waiting_since = self._waiting_since or now
         if now - self._waiting_since > self.timeout_ns:
-            self.fault = f"the recorder is {self.tick - self._seam.recorded()} ticks behind; recording goes on with losses"
+            self.fault = f"the recorder stands at tick {recorded}, the plant at {self.tick}; it goes on with losses"
             self._lag = 0
         self._seam.collect(1_000_000)
         return True

@@ -1,0 +1,77 @@
+"""`chain`: fusion, motion and torque in one process and one thread, on the same topics; with `with_plant` the plant too.
+
+Parameters of the laws are those of their own nodes with a prefix: `torque.law`, `motion.position_gain` and so on; their
+shipped values come from the nodes' own files. Exit codes: 0 stopped, 1 internal fault, 2 bad configuration.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rclpy.node import Node
+
+from hd_control.control import motion, torque
+from hd_control.core.parameters import Change, Parameter, ParameterSet
+from hd_control.nodes.gate_values import LIMITS, limits_block
+from hd_control.nodes.goal_desk import GoalDesk
+from hd_control.nodes.motion_stage import MotionStage
+from hd_control.nodes.node_parameters import CHAIN_PARTS, shipped_values
+from hd_control.nodes.process import run_node
+from hd_control.nodes.reset_service import serve_reset
+from hd_control.nodes.stage import Stage
+from hd_control.nodes.stage_shell import StageShell, own_values, prefixed
+from hd_control.nodes.torque_stage import TorqueStage
+from hd_control.nodes.wiring import FUSION
+from hd_control.sensing import fusion
+
+LAWS = {"fusion": fusion, "motion": motion, "torque": torque}
+WITH_PLANT = Parameter("with_plant", "run the simulated plant in the same thread", kind=bool, change=Change.FIXED)
+
+
+def chain_parameters() -> ParameterSet:
+    """The parameters of all laws, with prefixes, and the chain's own."""
+    laws = [prefixed(LAWS[part].PARAMETERS, part) for part in CHAIN_PARTS]
+    parameters = tuple(p for law in laws for p in law.parameters if p.name != "motion.robot")
+    return ParameterSet("chain", (*parameters, LIMITS, WITH_PLANT), tuple(rule for law in laws for rule in law.rules))
+
+
+class ChainNode(StageShell):
+    """Three stages in a row. `extra` are parameters of a plant in the same process."""
+
+    def __init__(self, extra: ParameterSet | None = None) -> None:
+        own = chain_parameters()
+        if extra is not None:
+            own = ParameterSet("chain", own.parameters + extra.parameters, own.rules + extra.rules)
+        super().__init__("chain", own, CHAIN_PARTS)
+        self.goals = GoalDesk(self, self.motion, lambda: own_values(self.values, "motion"))
+        serve_reset(self, lambda: self.torque)
+
+    def make_stages(self, values: Mapping[str, Any]) -> list[Stage]:
+        names = torque.selected_joints(own_values(values, "torque"))
+        self.motion = MotionStage(self.robot, self.dt, values["motion.goal_blend_time"])
+        self.torque = TorqueStage(self.robot, self.dt, names, limits_block(values["limits"], names, self.dt))
+        return [Stage(FUSION, fusion, self.robot, self.dt), self.motion, self.torque]
+
+
+def make_chain() -> ChainNode:
+    """The chain, with the plant if its shipped or given parameters ask for it."""
+    probe = Node("chain", start_parameter_services=False, enable_rosout=False)
+    given = getattr(probe, "_parameter_overrides", {})
+    wanted = given["with_plant"].value if "with_plant" in given else shipped_values("chain")["with_plant"]
+    probe.destroy_node()
+    if not wanted:
+        return ChainNode()
+    make: Callable[[], ChainNode] = importlib.import_module("hd_sim.nodes.chain_with_plant").ChainWithPlant
+    return make()
+
+
+def main() -> int:
+    """Entry point."""
+    return run_node(make_chain)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,104 @@
+"""The control chain and the plant in one process and one thread, still publishing every topic."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from hd_control.core.robot import Robot
+from hd_control.nodes import topics
+from hd_control.nodes.chain import ChainNode
+from hd_control.nodes.gate_values import limits_block
+from hd_control.nodes.lifecycle_shell import Introspection
+from hd_control.nodes.ros_loop import wait_matched
+from hd_control.nodes.stage_shell import Output
+from hd_sim.nodes.plant_node import TopicSeam, plant_status
+from hd_sim.nodes.plant_parameters import PARAMETERS, plant_config
+from hd_sim.nodes.plant_turn import PlantTurn
+from hd_sim.nodes.world import World
+from hd_sim.plant_config import PlantConfig
+
+
+class InnerSeam(TopicSeam):
+    """Publishes the plant's topics and runs the chain on the readings at once; the command needs no topic."""
+
+    def __init__(self, node: ChainWithPlant, world: World, lockstep: bool) -> None:
+        super().__init__(node, world, lockstep)
+        self._chain = node
+        self._held = {"temperature": None}
+        self._pending: tuple[int, Any] | None = None
+
+    def send_temperature(self, stamp_ns: int, temperature: Any) -> None:
+        super().send_temperature(stamp_ns, temperature)
+        self._held = {"temperature": temperature}
+
+    def send(self, tick: int, stamp_ns: int, sensors: Any) -> None:
+        super().send(tick, stamp_ns, sensors)
+        bus = self._chain.run_stages(tick, stamp_ns, {**sensors, topics.TEMPERATURE: self._held})
+        self._pending = tick, bus[topics.COMMAND]["effort"]
+
+    def collect(self, timeout_ns: int) -> None:
+        if self._pending is not None:
+            tick, torque = self._pending
+            self._pending = None
+            self._world.command(slice(None), torque, tick)
+        elif timeout_ns > 0:
+            self._node.loop.waiter.wait((), timeout_ns)
+
+
+class ChainWithPlant(ChainNode):
+    """`chain` with `with_plant: true`. The joints of the torque law must be all joints."""
+
+    def __init__(self) -> None:
+        self.world: World | None = None
+        self.plant_turn: PlantTurn | None = None
+        super().__init__(PARAMETERS)
+
+    def find_robot(self) -> Robot:
+        return PlantConfig.from_file(str(self.first_value("plant"))).robot
+
+    def prepare(self, values: Mapping[str, Any]) -> list[Any]:
+        self.config = plant_config(values)
+        return super().prepare(values)
+
+    def adopt(self, prepared: list[Any]) -> None:
+        super().adopt(prepared)
+        if self.plant_turn is not None:
+            self.plant_turn.live_values(self.values)
+
+    def build(self) -> Callable[[], None]:
+        limits = limits_block(self.values["limits"], self.robot.joint_names, self.dt)
+        self.world = World(self.config, limits, self.values["seed"])
+        lockstep = self.values["clock"] == "lockstep"
+        self.inputs, self.temperature = [], None
+        self.outputs = {t: Output(self, t, stage.joint_names) for stage in self.stages for t in stage.wiring.outputs}
+        self.introspection = Introspection(self, [name for stage in self.stages for name in stage.names()])
+        self.seam = InnerSeam(self, self.world, lockstep)
+        lag = self.values["lockstep_recorder_lag"]
+        self.plant_turn = PlantTurn(self.loop, self.world, self.seam, self.dt_ns, lockstep, lag)
+        self.plant_turn.live_values(self.values)
+        return self.plant_turn
+
+    def begin(self) -> None:
+        wait_matched([], [] if self.values["lockstep_recorder_lag"] == 0 else self.seam.sensor_publishers)
+        for stage in self.stages:
+            stage.start()
+        if self.plant_turn is not None:
+            self.plant_turn.start()
+            self.plant_turn.active = True
+
+    def end(self) -> None:
+        if self.plant_turn is not None:
+            self.plant_turn.active = False
+
+    def dismantle(self) -> None:
+        super().dismantle()
+        self.seam.destroy()
+        self.world = self.plant_turn = None
+
+    def status(self) -> tuple[bytes, str, dict[str, Any]]:
+        level, text, values = super().status()
+        if self.plant_turn is None or self.world is None:
+            return level, text, values
+        plant_level, plant_text, plant_values = plant_status(self.plant_turn, self.world, self.seam)
+        return max(level, plant_level), "; ".join(filter(None, [text, plant_text])), values | plant_values
