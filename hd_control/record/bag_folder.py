@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import errno
+import shutil
 from pathlib import Path
 
 from hd_control.core.errors import BagError
+
+FLOOR_BYTES, FLOOR_SHARE = 1 << 30, 0.05
 
 _REMEDY = {
     errno.ENOSPC: "free some space or record to another disk",
@@ -24,6 +27,19 @@ def write_error(path: Path, error: OSError) -> BagError:
     """The BagError of a failed write: path, reason, remedy."""
     remedy = _REMEDY.get(error.errno or 0, "choose another place to record to")
     return BagError(f"{path}: cannot be written ({error.strerror or error}); {remedy}; what was written stays")
+
+
+def space_left(path: Path) -> str:
+    """`ok`, `low` (below twice the floor: warn) or `floor` (close the bag now) for the disk that holds `path`.
+
+    The floor is `FLOOR_BYTES` or `FLOOR_SHARE` of the disk, whichever is smaller. Raises BagError without an answer.
+    """
+    try:
+        usage = shutil.disk_usage(path)
+    except OSError as error:
+        raise write_error(path, error) from None
+    floor = min(FLOOR_BYTES, FLOOR_SHARE * usage.total)
+    return "floor" if usage.free < floor else "low" if usage.free < 2 * floor else "ok"
 
 
 def make_folder(path: Path, force: bool) -> None:

@@ -48,6 +48,10 @@ class Db3Source:
         """None in this format."""
         return {}
 
+    def close(self) -> None:
+        """Closes the database."""
+        self._reader.close()
+
     def blocks(self, channels: Collection[int]) -> Iterator[Block]:
         """The messages of some topics, a bounded number at a time."""
         wanted = [self._connections[number] for number in channels if number in self._connections]

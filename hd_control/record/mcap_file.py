@@ -24,7 +24,7 @@ MESSAGE = struct.Struct("<BQHIQQ")
 _HEAD = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"),
                   ("log_time", "<i8"), ("publish_time", "<i8")])
 _INDEX = struct.Struct("<BQHI")
-ZSTD_LEVEL = 3
+ZSTD_LEVEL = 1
 
 
 class Stream(Protocol):

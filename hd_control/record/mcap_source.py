@@ -99,6 +99,9 @@ class McapSource:
         return {name: self._parse(records.Attachment, offset, length, self._buffer)
                 for name, (offset, length) in self._attachments.items()}
 
+    def close(self) -> None:
+        """Nothing to do: the mapping goes with the last array that needs it."""
+
     def blocks(self, channels: Collection[int]) -> Iterator[Block]:
         """The messages of some channels, in file order, a bounded number at a time."""
         wanted = set(channels)

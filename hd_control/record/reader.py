@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -129,7 +129,15 @@ class BagReader:
             raise BagError(f"{name}: {self.topics[name]} has no columns; use messages()")
         if found.undecodable:
             self._note(Problem(f"{name}: {found.undecodable} messages do not fit {self.topics[name]}"))
-        return found
+        return replace(found, names=self._value_names(name, found.names))
+
+    def _value_names(self, topic: str, names: tuple[str, ...]) -> tuple[str, ...]:
+        """The names of introspection values, from the topic beside them; the numbers if they do not fit."""
+        beside = topic.removesuffix("/values") + "/names"
+        if not topic.endswith("/introspection/values") or not self.has(beside):
+            return names
+        texts = [str(message.data).split("\n") for _, message in self.messages(beside)]
+        return next((tuple(text) for text in reversed(texts) if len(text) == len(names)), names)
 
     def raw(self, topic: str) -> Iterator[tuple[int, bytes]]:
         """(log_time_ns, CDR bytes) of each message, in recorded order."""
@@ -160,6 +168,17 @@ class BagReader:
             steps = (2 * np.diff(stamps) + period_ns) // (2 * period_ns)
             found += [Gap(int(stamps[i]), int(stamps[i + 1]), int(steps[i]) - 1) for i in np.flatnonzero(steps > 1)]
         return sorted(found, key=lambda gap: gap.from_ns)
+
+    def close(self) -> None:
+        """Releases the files."""
+        for source in self._sources:
+            source.close()
+
+    def __enter__(self) -> BagReader:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def _blocks(self, name: str) -> Iterator[Block]:
         for source in self._sources:

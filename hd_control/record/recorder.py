@@ -54,6 +54,7 @@ class Recorder:
     total_depth: int = 20_000
     failure: str = ""
     _queues: dict[str, _Queue] = field(default_factory=dict)
+    _by_any_name: dict[str, _Queue] = field(default_factory=dict)
     _queued: int = 0
     _in_flight: dict[str, int] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -62,16 +63,18 @@ class Recorder:
         """Announces a topic; those of the schema need no type. Raises BagError for an unknown one."""
         name = "/" + topic.strip("/")
         if name in self._queues:
+            self._by_any_name[topic] = self._queues[name]
             return
         self.bag.add_topic(name, type_name, definition, period_ns)
         known = topic_info(name)
         event = bool(known and known.event)
         self._queues[name] = _Queue(name, self.bag.type_of(name), EVENT_DEPTH if event else self.queue_depth, event,
                                     self.bag.accounts[name])
+        self._by_any_name[topic] = self._by_any_name[name] = self._queues[name]
 
     def offer(self, topic: str, log_time_ns: int, payload: Buffer) -> None:
         """Takes one sample of an announced topic; drops the oldest sensor sample when there is no room."""
-        queue = self._queues[topic]
+        queue = self._by_any_name[topic]
         stamp, frame_id = header_of(queue.type_name, payload)
         account = queue.account
         with self._lock:

@@ -67,6 +67,7 @@ class BagWriter:
         make_folder(self.path, force)
         self.file_path = self.path / f"{self.path.name}_0.mcap"
         self._channels: dict[str, _Channel] = {}
+        self._by_any_name: dict[str, _Channel] = {}
         self._schemas: dict[str, int] = {}
         self._first_pending_ns, self._has_pending = 0, False
         self._unflushed: list[tuple[TopicAccount, int]] = []
@@ -243,12 +244,10 @@ class BagWriter:
 
     def _channel(self, topic: str) -> _Channel:
         self._check_open()
-        channel = self._channels.get(topic)
+        channel = self._by_any_name.get(topic)
         if channel is None:
-            name = "/" + topic.strip("/")
-            if name not in self._channels:
-                self.add_topic(name)
-            channel = self._channels[name]
+            self.add_topic(topic)
+            channel = self._by_any_name[topic] = self._channels["/" + topic.strip("/")]
         return channel
 
     def _write_chunk(self, channel: _Channel) -> None:

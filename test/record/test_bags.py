@@ -174,6 +174,50 @@ def test_foreign_types_are_listed_and_read_by_their_own_definition(tmp_path):
         reader.columns("wheel")
 
 
+def test_introspection_values_carry_their_names(tmp_path):
+    from hd_control.record.cdr import ValuesCodec
+
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.write("/torque_node/introspection/names", None, T0, encode_text("feedforward\nfeedback"))
+        for k in range(3):
+            bag.write("/torque_node/introspection/values", None, T0 + k, ValuesCodec(2).encode(data=[k, -k]))
+    columns = BagReader(tmp_path / "bag").columns("torque_node/introspection/values")
+    assert columns.names == ("feedforward", "feedback")
+    assert columns.values["data"].tolist() == [[0, 0], [1, -1], [2, -2]]
+    assert columns.stamps_ns.tolist() == [T0, T0 + 1, T0 + 2], "without a stamp the log time counts"
+
+
+def plain_files_stay_cases():
+    def give_up(bag, monkeypatch):
+        bag.close(give_up=lambda: True)
+
+    def no_space(bag, monkeypatch):
+        def refuse(source, target, give_up):
+            target.write_bytes(b"half a file")
+            raise OSError(28, "No space left on device")
+
+        monkeypatch.setattr("hd_control.record.compact._write", refuse)
+        bag.close()
+
+    def differs(bag, monkeypatch):
+        monkeypatch.setattr("hd_control.record.compact._digests", lambda source: {})
+        with pytest.raises(BagError, match="differs"):
+            bag.close()
+
+    return [give_up, no_space, differs]
+
+
+@pytest.mark.parametrize("case", plain_files_stay_cases(), ids=lambda case: case.__name__)
+def test_the_plain_file_stays_when_the_compact_one_cannot_be_made(tmp_path, monkeypatch, case):
+    bag = BagWriter(tmp_path / "bag")
+    for k in range(TICKS):
+        bag.write("encoder", None, T0 + k * TICK, payload_of("encoder", k))
+    case(bag, monkeypatch)
+    assert sorted(path.name for path in (tmp_path / "bag").iterdir()) == ["bag_0.mcap", "metadata.yaml"]
+    reader = BagReader(tmp_path / "bag")
+    assert reader.complete and reader.counts == {"/encoder": TICKS}
+
+
 def test_namespaces_are_found(tmp_path):
     with BagWriter(tmp_path / "bag") as bag:
         bag.write("/arm/encoder", None, T0, payload_of("encoder", 0))

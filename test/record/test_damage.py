@@ -114,6 +114,30 @@ def test_a_damaged_chunk_is_skipped_and_the_others_are_kept(tmp_path):
     assert any(lost[0] in str(problem) and f"of {counts[lost[0]]}" in str(problem) for problem in reader.problems)
 
 
+def test_checksums_are_compared(tmp_path):
+    """A changed payload bit in an uncompressed chunk, and one in a plain closed file: only the checksum can tell."""
+    import struct
+    import zlib
+
+    from hd_control.record.chunks import ChunkError, chunk_data, chunk_place
+
+    data = bytes(range(200))
+    for crc, good in ((zlib.crc32(data), True), (zlib.crc32(data) ^ 1, False), (0, True)):
+        record = struct.pack("<QQQII", 0, 0, len(data), crc, 0) + struct.pack("<Q", len(data)) + data
+        if good:
+            assert chunk_data(record, chunk_place(record, 0, len(record))) == data
+        else:
+            with pytest.raises(ChunkError, match="checksum"):
+                chunk_data(record, chunk_place(record, 0, len(record)))
+
+    path = file_of(write_bag(tmp_path / "bag", 5, compact=False))
+    raw = bytearray(path.read_bytes())
+    raw[raw.index(payload_of("encoder", 3)) + 150] ^= 1
+    path.write_bytes(raw)
+    reader = BagReader(path)
+    assert not reader.complete and any("checksum of the data section" in str(problem) for problem in reader.problems)
+
+
 def test_a_broken_frame_is_passed_by_the_index(tmp_path):
     from mcap.reader import make_reader
 

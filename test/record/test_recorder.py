@@ -130,6 +130,22 @@ def test_a_disk_that_fills_up_keeps_the_whole_part_and_counts_the_rest(tmp_path,
     assert [p for _, p in reader.raw("encoder")] == [payload_of("encoder", k) for k in range(row["written"])]
 
 
+def test_the_space_floor(tmp_path, monkeypatch):
+    from collections import namedtuple
+
+    from hd_control.record import bag_folder
+
+    usage = namedtuple("usage", "total used free")
+    large = [(1 << 40, 1 << 31, "ok"), (1 << 40, (1 << 31) - 1, "low"), (1 << 40, 1 << 29, "floor")]
+    for total, free, expected in [*large, (1000, 101, "ok"), (1000, 99, "low"), (1000, 49, "floor")]:
+        disk = usage(total, total - free, free)
+        monkeypatch.setattr(bag_folder.shutil, "disk_usage", lambda _, disk=disk: disk)
+        assert bag_folder.space_left(tmp_path) == expected
+    monkeypatch.undo()
+    with pytest.raises(BagError):
+        bag_folder.space_left(tmp_path / "missing")
+
+
 def test_a_write_error_of_the_bag_names_path_and_remedy(tmp_path):
     bag = BagWriter(tmp_path / "bag")
     bag._file._stream = FullDisk(bag._raw, 0, errno.ENOSPC)
