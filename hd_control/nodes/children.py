@@ -8,6 +8,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
@@ -22,6 +23,8 @@ def child_environment(domain: int | None = None, real_time: bool = True) -> dict
     """Environment of node processes: discovery on this computer only, its own domain, priority on request."""
     environment = dict(os.environ)
     environment.setdefault(DISCOVERY, "LOCALHOST")
+    root = str(Path(__file__).resolve().parents[2])
+    environment["PYTHONPATH"] = os.pathsep.join(filter(None, [root, environment.get("PYTHONPATH", "")]))
     if domain is not None:
         environment["ROS_DOMAIN_ID"] = str(domain)
     if not real_time:
@@ -65,6 +68,14 @@ class Children:
                 break
         return self.dead()
 
+    def stop_all(self, order: Sequence[str] = ()) -> dict[str, int]:
+        """Like `stop`, and an impatient Ctrl-C does not end it early: our children must not stay."""
+        while True:
+            try:
+                return self.stop(order)
+            except KeyboardInterrupt:
+                continue
+
     def signal(self, name: str, number: int) -> None:
         """Sends a signal to one child that is still ours and alive."""
         process = self.processes[name]
@@ -75,9 +86,4 @@ class Children:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        while True:
-            try:
-                self.stop()
-                return
-            except KeyboardInterrupt:  # impatient second Ctrl-C: keep stopping, our children must not stay
-                continue
+        self.stop_all()

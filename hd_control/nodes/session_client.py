@@ -1,0 +1,154 @@
+"""The ROS side of a session: lifecycle, parameters, goals, progress and diagnostics of other nodes, in its own context."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParametersAtomically
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter, parameter_value_to_python
+from std_msgs.msg import String, UInt64
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+
+from hd_control.control.trajectory import Goal
+from hd_control.core.errors import HdError
+from hd_control.nodes.convert import message_from_goal
+from hd_control.nodes.ros_loop import chain_qos, latched_qos
+
+TRANSITIONS = {
+    "configure": Transition.TRANSITION_CONFIGURE,
+    "activate": Transition.TRANSITION_ACTIVATE,
+    "deactivate": Transition.TRANSITION_DEACTIVATE,
+    "cleanup": Transition.TRANSITION_CLEANUP,
+}
+_NUMBERS = itertools.count(1)
+
+
+class SessionClient:
+    """Service clients and subscriptions, served by a thread of their own."""
+
+    def __init__(self, namespace: str, domain: int | None) -> None:
+        self._context = rclpy.Context()
+        rclpy.init(args=[], context=self._context, domain_id=domain)
+        name = f"session_{next(_NUMBERS)}"
+        self.node = rclpy.create_node(name, context=self._context, namespace=f"/{namespace.strip('/')}", enable_rosout=False)
+        self.tick = -1
+        self.diagnostics: dict[str, dict[str, str]] = {}
+        self.answers: list[str] = []
+        self._clients: dict[tuple[Any, str], Any] = {}
+        for plant in ("plant_node", "chain"):
+            self.node.create_subscription(UInt64, f"{plant}/progress", self._progress, latched_qos())
+        self.node.create_subscription(DiagnosticArray, "diagnostics", self._diagnose, chain_qos(100))
+        for motion in ("motion_node", "chain"):
+            self.node.create_subscription(String, f"{motion}/goal_status", self._answer, latched_qos())
+        self._goals = self.node.create_publisher(JointTrajectory, "joint_trajectory", chain_qos(10))
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._closing = False
+        self._thread = threading.Thread(target=self._spin, name="session", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Ends the thread and leaves the ROS network."""
+        self._closing = True
+        self._executor.wake()
+        self._thread.join(2.0)
+        self._executor.shutdown(0.2)
+        self.node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+    def ready(self, path: str) -> bool:
+        """True once the node's lifecycle and parameter services are there."""
+        services = ((ChangeState, "change_state"), (SetParametersAtomically, "set_parameters_atomically"))
+        return all(self._client(kind, f"{path}/{name}").service_is_ready() for kind, name in services)
+
+    def transition(self, paths: Sequence[str], name: str, timeout: float) -> None:
+        """One lifecycle transition of several nodes at once. Raises HdError if one refuses."""
+        request = ChangeState.Request(transition=Transition(id=TRANSITIONS[name]))
+        futures = {path: self._client(ChangeState, f"{path}/change_state").call_async(request) for path in paths}
+        for path, future in futures.items():
+            if not self._result(future, timeout, f"{path} {name}").success:
+                raise HdError(f"{path} refused to {name}; its log says why")
+
+    def set_parameters(self, path: str, values: Mapping[str, Any], timeout: float) -> str:
+        """Atomic change; returns the reason of a refusal."""
+        request = SetParametersAtomically.Request()
+        request.parameters = [Parameter(key, value=value).to_parameter_msg() for key, value in values.items()]
+        answer = self._call(SetParametersAtomically, f"{path}/set_parameters_atomically", request, timeout)
+        return "" if answer.result.successful else str(answer.result.reason)
+
+    def get_parameters(self, path: str, names: list[str] | None, timeout: float) -> dict[str, Any]:
+        """Values by name, all if `names` is None."""
+        if names is None:
+            listed = self._call(ListParameters, f"{path}/list_parameters", ListParameters.Request(), timeout)
+            names = sorted(listed.result.names)
+        answer = self._call(GetParameters, f"{path}/get_parameters", GetParameters.Request(names=names), timeout)
+        return {name: _plain(parameter_value_to_python(value)) for name, value in zip(names, answer.values, strict=True)}
+
+    def reset(self, path: str, timeout: float) -> str:
+        """`~/reset`; returns the reasons of a refusal."""
+        answer = self._call(Trigger, f"{path}/reset", Trigger.Request(), timeout)
+        return "" if answer.success else str(answer.message)
+
+    def send_goal(self, goal: Goal, dt_ns: int, timeout: float) -> str:
+        """Publishes a goal; returns the motion node's answer to it."""
+        self._until(lambda: self._goals.get_subscription_count() > 0, timeout, "nobody takes goals")
+        named = goal if goal.identifier else replace(goal, identifier=f"goal_{time.monotonic_ns()}")
+        seen = len(self.answers)
+        self._goals.publish(message_from_goal(named, dt_ns))
+
+        def answered() -> list[str]:
+            return [text for text in self.answers[seen:] if text.split(" ")[1:2] == [named.identifier]]
+
+        self._until(lambda: bool(answered()), timeout, f"no answer to goal {named.identifier}")
+        return answered()[0]
+
+    def _spin(self) -> None:
+        while not self._closing:
+            self._executor.spin_once(timeout_sec=0.5)
+
+    def _client(self, kind: Any, name: str) -> Any:
+        if (kind, name) not in self._clients:
+            self._clients[kind, name] = self.node.create_client(kind, name)
+        return self._clients[kind, name]
+
+    def _call(self, kind: Any, name: str, request: Any, timeout: float) -> Any:
+        client = self._client(kind, name)
+        self._until(client.service_is_ready, timeout, f"{name} is not there")
+        return self._result(client.call_async(request), timeout, name)
+
+    def _result(self, future: Any, timeout: float, what: str) -> Any:
+        self._until(future.done, timeout, f"{what}: no answer")
+        return future.result()
+
+    def _until(self, condition: Any, timeout: float, what: str) -> None:
+        end = time.monotonic() + timeout
+        while not condition():
+            if time.monotonic() > end:
+                raise HdError(f"{what} within {timeout:g} s")
+            time.sleep(0.002)
+
+    def _progress(self, message: UInt64) -> None:
+        self.tick = message.data
+
+    def _answer(self, message: String) -> None:
+        self.answers.append(message.data)
+
+    def _diagnose(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            values = {pair.key: pair.value for pair in status.values}
+            self.diagnostics[status.name] = values | {"level": str(status.level[0]), "message": status.message}
+
+
+def _plain(value: Any) -> Any:
+    return value if isinstance(value, (str, bool, int, float, bytes)) or value is None else list(value)
