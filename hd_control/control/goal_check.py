@@ -6,8 +6,9 @@ Order and codes: `size`, `joint_unknown`, `joint_repeated`, `joint_missing`, `le
 
 Position, velocity and acceleration are checked at the exact extrema of every segment of the path, the blend from the
 present reference included; a step of velocity counts as an acceleration over one sample. Torque is sampled: the rigid
-arm of the robot description at the ends and the middle of every segment, so a peak between them can be missed. A path
-that keeps position and acceleration limits can always brake within them, so there is no separate braking check.
+arm of the robot description at the ends and the middle of every segment, at up to 41 places if there are few segments;
+a peak between them can be missed. A path that keeps position and acceleration limits can always brake within them, so
+there is no separate braking check.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from hd_control.core.robot import Robot
 MAX_LEAD = 60.0
 """s between reception and start."""
 __all__ = ["GoalLimits", "check_goal", "goal_from_points"]
+TORQUE_SAMPLES = 1000
 ROUNDING = 1e-9
 """A limit may be exceeded by this much, in its own unit, so that a goal may end exactly on it."""
 
@@ -118,7 +120,8 @@ def _check_start(goal: Goal, follower: TrajectoryFollower, limits: GoalLimits, m
 
 def _where(goal: Goal, path: Path, segment: int) -> str:
     """The segment in the goal's own point numbers."""
-    after = segment + len(goal.times) - len(path.coefficients)
+    middle = 0.5 * (path.knots[segment] + path.knots[segment + 1]) * path.period
+    after = int(np.searchsorted(goal.times, middle))
     return "before point 0" if after == 0 else f"between points {after - 1} and {after}"
 
 
@@ -170,7 +173,7 @@ def _state(path: Path, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArra
 
 def _check_torque(goal: Goal, path: Path, limits: GoalLimits) -> None:
     lengths = np.diff(path.knots) * path.period
-    for share in (0.0, 0.5, 1.0):
+    for share in np.linspace(0.0, 1.0, min(max(3, 1 + TORQUE_SAMPLES // max(1, len(lengths))), 41)):
         if share == 0.0 and goal.order == 5:
             continue  # accelerations are continuous: the end of the segment before
         torque = rigid_torque(limits.robot, *_state(path, share * lengths))

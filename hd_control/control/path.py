@@ -159,8 +159,8 @@ def plan_path(
     """The path of a goal from `present`, the reference at the start tick. Changes nothing, checks only names.
 
     First point later than time 0: a quintic leads from the present reference to it. First point at time 0: the path
-    starts at the present reference, and its distance to the goal's own spline fades out as a quintic until the first
-    point at or after `blend_time` s. No distance, no change.
+    starts at the present reference, and its distance to the goal's own spline (in position, velocity and acceleration)
+    fades out as a quintic within `blend_time` s. No distance, no change.
     """
     times = np.asarray(goal.times, dtype=float)
     moving = times[times > 0.0]
@@ -171,7 +171,7 @@ def plan_path(
         lead = _lead_in(present, coefficients, (q, v, a), knots[0], period)
         knots, coefficients = np.concatenate([[0.0], knots]), np.concatenate([lead, coefficients])
     elif len(coefficients):
-        _fade_in(coefficients, knots, period, present, blend_time)
+        knots, coefficients = _faded_in(knots, coefficients, period, present, blend_time)
     none = np.zeros(len(joint_names))
     end = Motion(q[-1], none if v is None else v[-1], none if a is None else a[-1])
     return Path(start_tick, period, knots, coefficients, end, goal.identifier)
@@ -222,17 +222,32 @@ _BINOMIAL = np.array(
 )
 
 
-def _fade_in(coefficients: FloatArray, knots: FloatArray, period: float, present: Motion, blend_time: float) -> None:
-    """Adds, in place, the quintic that takes the distance between present reference and goal to zero."""
+def _shifted(coefficients: FloatArray, offsets: FloatArray) -> FloatArray:
+    """The polynomials (k, n, 6) with time counted from `offsets` (k,) s on."""
+    found = np.zeros_like(coefficients)
+    for k in range(6):
+        for j in range(k, 6):
+            found[:, :, k] += _BINOMIAL[k, j] * coefficients[:, :, j] * offsets[:, None] ** (j - k)
+    return found
+
+
+def _faded_in(
+    knots: FloatArray, coefficients: FloatArray, period: float, present: Motion, blend_time: float
+) -> tuple[FloatArray, FloatArray]:
+    """Knots and coefficients plus the quintic that takes the distance between present reference and goal to zero.
+
+    The quintic ends `blend_time` s after the start, or with the goal; a segment that it ends in is split there.
+    """
     start = coefficients[0, :, :3].T * [[1.0], [1.0], [2.0]]
     gap = np.stack([present.position, present.velocity, present.acceleration]) - start
     if not gap.any():
-        return
-    last = min(int(np.searchsorted(knots, blend_time / period - 1e-6)), len(knots) - 1)
-    last = max(last, 1)
+        return knots, coefficients
+    end = min(max(1.0, float(np.rint(blend_time / period))), float(knots[-1]))
+    last = int(np.searchsorted(knots, end))
+    if knots[last] > end:
+        split = _shifted(coefficients[last - 1 : last], np.array([(end - knots[last - 1]) * period]))
+        knots, coefficients = np.insert(knots, last, end), np.insert(coefficients, last, split[0], axis=0)
     ends = np.stack([gap, np.zeros_like(gap)], axis=1)
-    fade = _spline(5, knots[[0, last]], period, ends[0], ends[1], ends[2])[0]
-    offsets = (knots[:last] * period)[:, None]
-    for k in range(6):
-        for j in range(k, 6):
-            coefficients[:last, :, k] += _BINOMIAL[k, j] * fade[:, j] * offsets ** (j - k)
+    fade = _spline(5, np.array([0.0, end]), period, ends[0], ends[1], ends[2])
+    coefficients[:last] += _shifted(np.repeat(fade, last, axis=0), knots[:last] * period)
+    return knots, coefficients
