@@ -308,7 +308,7 @@ def test_random_service_calls_never_let_a_stop_end_without_reset():
 def test_shipped_limits_and_their_refusals():
     values = load_params_file(config_path("limits.yaml"), "torque_node")
     bounds = gate_limits.configure(values, DT)
-    assert bounds.torque_step.tolist() == pytest.approx([250, 250, 250, 52, 21, 21, 19])
+    assert bounds.torque_step.tolist() == pytest.approx([670, 670, 670, 260, 70, 70, 30])
     assert bounds.age_limit == 10 and bounds.rate_excess_limit == 20
     for name, bad in [
         ("motor_torque_limit", [0.0] * 7),
