@@ -121,7 +121,7 @@ def excitation(start: FloatArray, velocity_limit: FloatArray, random: np.random.
     """60 s that separate the effects: 25 s triangular velocity, 22 s five sines, 13 s logarithmic chirp.
 
     Triangular velocity up to 1.1 rad/s (at most 70 % of the limit) over at least 1 rad, sines 0.1 to 2.5 Hz, chirp 0.3
-    to 20 Hz with acceleration held below 4 rad/s^2. Joints differ in period and phase, so that none mirrors another.
+    to 20 Hz with acceleration held below 2.5 rad/s^2. Joints differ in period and phase, so that none mirrors another.
     """
     n, begin = start.size, 1.0
     stages = [
@@ -166,12 +166,12 @@ def _multisine(length: float, random: np.random.Generator, n: int) -> tuple[Floa
 
 
 def _chirp(length: float, random: np.random.Generator, n: int) -> tuple[FloatArray, list[FloatArray]]:
-    """Logarithmic chirp 0.3 to 20 Hz: amplitude 0.1 rad at first, then limited by an acceleration of 4 rad/s^2."""
+    """Logarithmic chirp 0.3 to 20 Hz: amplitude 0.1 rad at first, then limited by an acceleration of 2.5 rad/s^2."""
     times = np.linspace(0.0, length, 3901)
     growth = np.log(20.0 / 0.3) / length
     w = 2 * np.pi * 0.3 * np.exp(growth * times)[:, None]
     angle = (w - w[0]) / growth + random.uniform(0.0, 2 * np.pi, n)
-    limit = 4.0 / w**2
+    limit = 2.5 / w**2
     size = 0.1 * limit / (0.1 + limit)
     share = 0.1 / (0.1 + limit)
     size1 = -2 * growth * size * share

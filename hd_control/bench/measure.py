@@ -1,0 +1,80 @@
+"""Timing that survives a noisy machine: interleaved runs, medians, ratios to peers of the same run."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Result:
+    """One row of the table. A peer's row has the same `name` and its own name in `peer`."""
+
+    name: str
+    median: float
+    min: float
+    p99: float
+    unit: str
+    runs: int
+    peer: str | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """The row in the schema `hd.bench/1`."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Timed:
+    """A callable that does `inner` units of work per call."""
+
+    call: Callable[[], Any]
+    inner: int
+    peer: str | None = None
+
+
+def time_each(name: str, unit: str, cases: Sequence[Timed], runs: int, scale: float = 1e6) -> list[Result]:
+    """Times the cases in turn, run after run, so that a slow moment of the machine hits all of them.
+
+    The value is seconds per unit of work times `scale`.
+    """
+    for case in cases:
+        case.call()
+    samples: list[list[float]] = [[] for _ in cases]
+    for _ in range(runs):
+        for case, found in zip(cases, samples, strict=True):
+            start = time.perf_counter()
+            case.call()
+            found.append((time.perf_counter() - start) / case.inner * scale)
+    return [summarise(name, unit, found, case.peer) for case, found in zip(cases, samples, strict=True)]
+
+
+def summarise(name: str, unit: str, samples: Sequence[float], peer: str | None = None) -> Result:
+    """Median, minimum and 99th percentile of samples that are already in `unit`."""
+    values = np.asarray(samples, dtype=float)
+    return Result(
+        name, float(np.median(values)), float(values.min()), float(np.quantile(values, 0.99)), unit, values.size, peer
+    )
+
+
+def machine() -> dict[str, Any]:
+    """What the figures were measured on."""
+    model = ""
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as lines:
+            model = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "")
+    except OSError:
+        pass
+    return {
+        "cpu": model or platform.processor(),
+        "cores": os.cpu_count(),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "load": round(os.getloadavg()[0], 2),
+    }

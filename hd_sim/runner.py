@@ -1,0 +1,118 @@
+"""The whole robot in one process without ROS: world, fusion, motion, torque and gate in lock-step, faster than real time.
+
+The stages are those that the nodes run, called in the order in which their messages would arrive. So a run here and a
+lock-step run over ROS give the same torques, bit for bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from hd_control.control import motion, torque
+from hd_control.control.goal_check import GoalLimits, check_goal
+from hd_control.control.trajectory import Goal
+from hd_control.core.blocks import FloatArray
+from hd_control.core.errors import ConfigError
+from hd_control.core.parameters import ParameterSet
+from hd_control.nodes import topics
+from hd_control.nodes.gate_values import limits_block
+from hd_control.nodes.motion_stage import MotionStage
+from hd_control.nodes.node_parameters import shipped_values
+from hd_control.nodes.stage import Bus, Stage
+from hd_control.nodes.torque_stage import TorqueStage
+from hd_control.nodes.wiring import FUSION
+from hd_control.sensing import fusion
+from hd_sim.nodes.world import World
+from hd_sim.plant_config import PlantConfig
+from hd_sim.scenario import Plan
+
+LAWS: Mapping[str, Any] = {"fusion_node": fusion, "motion_node": motion, "torque_node": torque}
+TEMPERATURE_PERIOD = 0.1
+"""s between two messages of a joint's temperature."""
+
+Observer = Callable[[int, Bus], None]
+"""Called after every tick with its number and the arrays of every topic."""
+
+
+@dataclass(frozen=True)
+class RunSetup:
+    """What a run is made of. `values` overrides parameters by node name; missing ones are the shipped ones."""
+
+    config: PlantConfig
+    seed: int = 0
+    values: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def node_values(self, node: str) -> dict[str, Any]:
+        """Complete values of one node for the joints of this robot. Raises ConfigError for an unknown parameter."""
+        parameters: ParameterSet = LAWS[node].PARAMETERS
+        shipped = {name: value for name, value in shipped_values(node).items() if name in parameters.names}
+        own = self.values.get(node, {})
+        unknown = [name for name in own if name not in parameters.names]
+        if unknown:
+            raise ConfigError(f"{node}: no parameter {unknown[0]!r}; there is {', '.join(parameters.names)}")
+        return parameters.select({**shipped, **own}, self.config.robot.joint_names)
+
+
+class Runner:
+    """One robot in lock-step. `tick` is the next tick to run."""
+
+    def __init__(self, setup: RunSetup) -> None:
+        robot, dt = setup.config.robot, setup.config.period
+        values = {node: setup.node_values(node) for node in LAWS}
+        names = robot.joint_names
+        limits = limits_block(str(setup.values.get("limits", {}).get("file", "limits.yaml")), names, dt)
+        self.robot, self.period, self.tick = robot, dt, 0
+        self.world = World(setup.config, limits, setup.seed)
+        self.fusion = Stage(FUSION, fusion, robot, dt)
+        self.motion = MotionStage(robot, dt, values["motion_node"]["goal_blend_time"])
+        self.torque = TorqueStage(robot, dt, names, limits)
+        self.stages: list[tuple[str, Stage]] = [
+            ("fusion_node", self.fusion),
+            ("motion_node", self.motion),
+            ("torque_node", self.torque),
+        ]
+        for node, stage in self.stages:
+            stage.adopt(stage.prepare(values[node]))
+            stage.start()
+        self.goal_limits = GoalLimits.from_values(values["motion_node"], robot)
+        self._temperature_ticks = max(1, round(TEMPERATURE_PERIOD / dt))
+        self._temperature: FloatArray = np.zeros(robot.joints)
+
+    def offer(self, goal: Goal) -> None:
+        """Checks a goal against the present state and hands it over for the next tick. Raises GoalError."""
+        follower = self.motion.follower
+        if follower is None:
+            raise ConfigError("the first tick must run before a goal is given")
+        measured = self.motion.sample.joint_position.copy()
+        self.motion.hand_over(check_goal(goal, follower.copy(), self.goal_limits, measured, self.motion.tick))
+
+    def step(self) -> Bus:
+        """Runs one tick; returns the arrays of every topic, which the next tick may overwrite."""
+        tick = self.tick
+        sensors, temperature = self.world.measure(tick)
+        bus: Bus = dict(sensors)
+        if tick % self._temperature_ticks == 0:
+            self._temperature = temperature
+            bus[topics.TEMPERATURE] = {"temperature": temperature}
+        elif tick == 0:
+            bus[topics.TEMPERATURE] = {"temperature": self._temperature}
+        for _, stage in self.stages:
+            bus.update(stage.step(tick, bus))
+        self.world.advance()
+        self.world.command(slice(None), bus[topics.COMMAND]["effort"], tick)
+        self.tick = tick + 1
+        return bus
+
+    def run(self, plan: Plan, observe: Observer | None = None) -> None:
+        """Runs a plan to its end. Raises GoalError if the robot refuses a goal of the plan."""
+        goals = dict(plan.goals)
+        while self.tick < plan.ticks:
+            if self.tick in goals:
+                self.offer(goals[self.tick])
+            tick, bus = self.tick, self.step()
+            if observe is not None:
+                observe(tick, bus)
