@@ -16,15 +16,16 @@ namespace hd_sim {
 template <int P>
 struct Tick {
     alignas(16) double command[P] = {}, torque_gain[P] = {}, coulomb[P] = {}, viscous_positive[P] = {},
-        viscous_negative[P] = {}, brake[P] = {};
+                       viscous_negative[P] = {}, brake[P] = {};
 };
 
 // Constants derived from the parameters for one step length.
 template <int P>
 struct Derived {
-    double dt = 0.0, half = 0.0, ahead = 0.0;  // ahead: how far velocities are extrapolated (0 in the first-order scheme)
+    double dt = 0.0, half = 0.0, rate = 0.0;  // s, s, 1/s
+    double ahead = 0.0;                       // how far velocities are extrapolated, s; 0 in the first-order scheme
     alignas(16) double current_blend[P] = {}, gauge_blend[P] = {}, hysteresis_limit[P] = {}, stribeck_excess[P] = {},
-        stribeck_inverse[P] = {};
+                       stribeck_inverse[P] = {};
     bool stribeck = false;
 };
 
@@ -32,10 +33,9 @@ struct Derived {
 template <int P>
 struct Work {
     alignas(16) double phi[P], q[P], w[P], sin_q[P], cos_q[P], kinematic[P], kinematic_slope[P], slope[P], torsion[P],
-        hysteresis[P], hysteresis_step[P], torque_0[P], stiffening[P], v_ahead[P], torque_ahead[P], level[P], grip[P],
-        e_positive[P], e_negative[P], drive_torque[P], inertia[P], momentum[P], pull[P], numerator[P], shift[P],
-        inverse[P], cross[P], v_end[P], link_torque[P], armature[P], acceleration[P], extra_torque[P];
-    int mode[P];
+        hysteresis[P], hysteresis_step[P], torque_0[P], stiffening[P], v_ahead[P], level[P], grip[P], e_positive[P],
+        e_negative[P], drive_torque[P], inertia[P], momentum[P], pull[P], numerator[P], shift[P], inverse[P],
+        link_torque[P], armature[P], acceleration[P], extra_torque[P];
 };
 
 // Step 1: midpoint angles, sines, kinematic error and its slope N dKE/dtheta.
@@ -62,7 +62,8 @@ void midpoint(const Parameters<Lanes<N>::padded>& p, const State<Lanes<N>::padde
         store<V>(k.w + j, w + d.ahead * load<V>(s.joint_acceleration[0] + j));
         store<V>(k.sin_q + j, sq);
         store<V>(k.cos_q + j, cq);
-        store<V>(k.kinematic + j, (a1 * c1 + b1 * s1) + (a2 * c2 + b2 * s2) + (a3 * c3 + b3 * s3) + (a4 * c4 + b4 * s4));
+        store<V>(k.kinematic + j,
+                 (a1 * c1 + b1 * s1) + (a2 * c2 + b2 * s2) + (a3 * c3 + b3 * s3) + (a4 * c4 + b4 * s4));
         store<V>(k.kinematic_slope + j, ratio * ((b1 * c1 - a1 * s1) + 2.0 * (b2 * c2 - a2 * s2) +
                                                  3.0 * (b3 * c3 - a3 * s3) + 4.0 * (b4 * c4 - a4 * s4)));
     }
@@ -80,7 +81,8 @@ void transmission(const Parameters<Lanes<N>::padded>& p, const State<Lanes<N>::p
         const V sign = choose(below(D, all<V>(0.0)), all<V>(-1.0), all<V>(1.0));
         const V alpha = load<V>(p.hysteresis_rate[0] + j), A = load<V>(p.hysteresis_stiffness[0] + j);
         const V saturated = sign * load<V>(d.hysteresis_limit + j);
-        const V h = saturated + (load<V>(s.hysteresis_torque[0] + j) - saturated) * exp_negative<V>(-(alpha * magnitude(D)));
+        const V h =
+            saturated + (load<V>(s.hysteresis_torque[0] + j) - saturated) * exp_negative<V>(-(alpha * magnitude(D)));
         const V m1 = load<V>(p.stiffness_linear[0] + j), m2 = load<V>(p.stiffness_cubic[0] + j);
         const V m3 = load<V>(p.stiffness_quintic[0] + j), k_d = load<V>(p.torsional_damping[0] + j);
         const V x = delta * delta, v = load<V>(s.motor_velocity[0] + j), w = load<V>(s.joint_velocity[0] + j);
@@ -103,8 +105,9 @@ void friction(const Parameters<Lanes<N>::padded>& p, const State<Lanes<N>::padde
         const V v = load<V>(s.motor_velocity[0] + j), v_a = load<V>(s.motor_acceleration[0] + j);
         const V straight = v + d.ahead * v_a;
         const V v_h = choose(below(straight * v, all<V>(0.0)), all<V>(0.0), straight);
-        const V tau_h = load<V>(k.torque_0 + j) + load<V>(k.stiffening + j) * (2.0 * d.ahead) *
-                        (load<V>(k.slope + j) * v_a - load<V>(s.joint_acceleration[0] + j));
+        const V tau_h =
+            load<V>(k.torque_0 + j) + load<V>(k.stiffening + j) * (2.0 * d.ahead) *
+                                          (load<V>(k.slope + j) * v_a - load<V>(s.joint_acceleration[0] + j));
         const V load_factor = 1.0 + load<V>(p.load_friction_linear[0] + j) * magnitude(tau_h) +
                               load<V>(p.load_friction_quadratic[0] + j) * (tau_h * tau_h);
         V G = load<V>(t.coulomb + j) * load_factor;
@@ -114,7 +117,6 @@ void friction(const Parameters<Lanes<N>::padded>& p, const State<Lanes<N>::padde
         }
         const V drag = load<V>(p.quadratic_drag[0] + j) * magnitude(v_h);
         store<V>(k.v_ahead + j, straight);
-        store<V>(k.torque_ahead + j, tau_h);
         store<V>(k.level + j, G);
         store<V>(k.grip + j, d.dt * (G + load<V>(t.brake + j)));
         store<V>(k.e_positive + j, d.half * (load<V>(t.viscous_positive + j) + drag));
@@ -137,8 +139,8 @@ void rotor_balance(const Parameters<Lanes<N>::padded>& p, State<Lanes<N>::padded
         store<V>(k.drive_torque + j, u);
         store<V>(k.inertia + j, I + d.dt * (Y * bend));
         store<V>(k.pull + j, (d.dt * d.dt) * bend);
-        store<V>(k.momentum + j, I * v + d.dt * (u - load<V>(p.friction_offset[0] + j) -
-                                                 Y * (load<V>(k.torque_0 + j) - bend * v)));
+        store<V>(k.momentum + j,
+                 I * v + d.dt * (u - load<V>(p.friction_offset[0] + j) - Y * (load<V>(k.torque_0 + j) - bend * v)));
     }
 }
 

@@ -18,7 +18,8 @@ struct Effects {
     void find(const Parameters<P>& p, int joints, double hidden_delay_floor) {
         any = false;
         for (int j = 0; j < joints; ++j) {
-            spring[j] = p.windup_depth[0][j] != 0.0 || p.backlash_half_gap[0][j] != 0.0 || p.slip_stiffness[0][j] != 0.0;
+            spring[j] =
+                p.windup_depth[0][j] != 0.0 || p.backlash_half_gap[0][j] != 0.0 || p.slip_stiffness[0][j] != 0.0;
             kinematics[j] = p.kinematic_load_slope[0][j] != 0.0 || p.kinematic_angle_modulation[0][j] != 0.0 ||
                             p.tooth_defect_height[0][j] != 0.0;
             motor[j] = p.cogging_amplitude[0][j] != 0.0 || p.cogging_amplitude[1][j] != 0.0 ||
@@ -46,7 +47,8 @@ inline double tanh_of(double x) {
 template <int P>
 Spring elastic(const Parameters<P>& p, int j, double delta) {
     const double gap = p.backlash_half_gap[0][j], depth = p.windup_depth[0][j], width = p.windup_width[0][j];
-    double x = delta > gap ? delta - gap : (delta < -gap ? delta + gap : 0.0), slope = x != 0.0 || gap == 0.0 ? 1.0 : 0.0;
+    double x = delta > gap ? delta - gap : (delta < -gap ? delta + gap : 0.0),
+           slope = x != 0.0 || gap == 0.0 ? 1.0 : 0.0;
     if (depth != 0.0) {  // x - depth tanh(x / width): soft while |x| < width, then stiff with lost motion `depth`
         const double t = tanh_of(x / width);
         slope *= 1.0 - depth / width * (1.0 - t * t);
@@ -56,16 +58,15 @@ Spring elastic(const Parameters<P>& p, int j, double delta) {
     return {x * (m1 + y * (m2 + y * m3)), slope * (m1 + y * (3.0 * m2 + y * (5.0 * m3)))};
 }
 
-// Maxwell-slip hysteresis after a torsion step: torque and slope; `memory` (4 torques) is written if `keep`.
+// Maxwell-slip hysteresis after a torsion step: torque and slope; the four torques go to `next`.
 template <int P>
-Spring slip_elements(const Parameters<P>& p, State<P>& s, int j, double step, bool keep) {
+Spring slip_elements(const Parameters<P>& p, const State<P>& s, int j, double step, double* next) {
     Spring sum{0.0, 0.0};
     for (int i = 0; i < 4; ++i) {
         const double stiffness = p.slip_stiffness[i][j], yield = p.slip_yield[i][j];
         const double trial = s.slip_torque[i][j] + stiffness * step;
-        const double torque = trial > yield ? yield : (trial < -yield ? -yield : trial);
-        sum = {sum.torque + torque, sum.slope + (torque == trial ? stiffness : 0.0)};
-        if (keep) s.slip_torque[i][j] = torque;
+        next[i] = trial > yield ? yield : (trial < -yield ? -yield : trial);
+        sum = {sum.torque + next[i], sum.slope + (next[i] == trial ? stiffness : 0.0)};
     }
     return sum;
 }
@@ -75,7 +76,8 @@ void shape_kinematics(const Parameters<P>& p, const State<P>& s, Work<P>& k, int
     const double turn = k.q[j];
     double sine, cosine;
     sin_cos(turn, sine, cosine);
-    const double scale = 1.0 + p.kinematic_load_slope[0][j] * s.joint_torque[0][j] + p.kinematic_angle_modulation[0][j] * sine;
+    const double scale =
+        1.0 + p.kinematic_load_slope[0][j] * s.joint_torque[0][j] + p.kinematic_angle_modulation[0][j] * sine;
     k.kinematic[j] *= scale;
     k.kinematic_slope[j] *= scale;
     const double width = p.tooth_defect_width[0][j];
@@ -93,7 +95,9 @@ void stiffen(const Parameters<P>& p, State<P>& s, const Derived<P>& d, Work<P>& 
     const double delta = k.torsion[j], x = delta * delta;
     const double m1 = p.stiffness_linear[0][j], m2 = p.stiffness_cubic[0][j], m3 = p.stiffness_quintic[0][j];
     const Spring real = elastic(p, j, delta);
-    const Spring slip = slip_elements(p, s, j, k.hysteresis_step[j], true);
+    double next[4];
+    const Spring slip = slip_elements(p, s, j, k.hysteresis_step[j], next);
+    for (int i = 0; i < 4; ++i) s.slip_torque[i][j] = next[i];
     k.torque_0[j] += real.torque + slip.torque - delta * (m1 + x * (m2 + x * m3));
     k.stiffening[j] += 0.25 * d.dt * (real.slope + slip.slope - (m1 + x * (3.0 * m2 + x * (5.0 * m3))));
 }

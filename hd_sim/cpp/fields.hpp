@@ -112,6 +112,7 @@ constexpr int DELAY_TICKS = 32;  // ring of past commands
     FIELD(motor_acceleration, 1, "rad/s^2", "last rotor acceleration") \
     FIELD(joint_acceleration, 1, "rad/s^2", "last link acceleration") \
     FIELD(joint_torque, 1, "N m", "flexspline torque, mean of the last substep") \
+    FIELD(friction_torque, 1, "N m", "motor friction and brake, mean of the last substep") \
     FIELD(current_torque, 1, "N m", "motor torque after the current loop") \
     FIELD(gauge_filtered, 1, "N m", "torque behind the bridge amplifier's low-pass") \
     FIELD(temperature, 1, "degC", "motor and gear") \
@@ -147,7 +148,7 @@ constexpr int DELAY_TICKS = 32;  // ring of past commands
     FIELD(joint_acceleration, 1, "rad/s^2", "of the last substep") \
     FIELD(joint_torque, 1, "N m", "flexspline torque at the end of the step") \
     FIELD(motor_torque, 1, "N m", "motor torque that acts on the rotor") \
-    FIELD(friction_torque, 1, "N m", "motor friction; at standstill what balances the rotor") \
+    FIELD(friction_torque, 1, "N m", "motor friction and brake, mean of the last substep; at rest what balances the rotor") \
     FIELD(kinematic_error, 1, "rad", "harmonics only") \
     FIELD(torsion, 1, "rad", "at the end of the step") \
     FIELD(hysteresis_torque, 1, "N m", "at the end of the step") \
@@ -160,7 +161,8 @@ HD_BLOCK(PlantSample, HD_PLANT_SAMPLE)
 HD_BLOCK(PlantTruth, HD_PLANT_TRUTH)
 
 // Fields in the kernel's own layout: one padded row of joints per number.
-#define HD_ROWS(name, per_joint, unit, meaning) alignas(P == 1 ? 8 : 16) double name[per_joint == 0 ? 1 : per_joint][P] = {};
+#define HD_ROWS(name, per_joint, unit, meaning) \
+    alignas(P == 1 ? 8 : 16) double name[per_joint == 0 ? 1 : per_joint][P] = {};
 
 template <int P>
 struct Parameters {

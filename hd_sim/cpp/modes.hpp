@@ -1,7 +1,7 @@
 // Friction modes of one rotor over one substep: slides, sticks, stops, or reverses inside the step.
 //
-// The usual projection gives a whole step one friction sign. A joint that reverses without sticking then gets a speed error
-// up to 2 dt G / I* that depends on where in the step the zero falls. Modes -2 and +2 split the step at the zero.
+// The usual projection gives a whole step one friction sign. A joint that reverses without sticking then gets a speed
+// error up to 2 dt G / I* that depends on where in the step the zero falls. Modes -2 and +2 split the step at the zero.
 #pragma once
 
 namespace hd_sim {
@@ -35,11 +35,16 @@ struct Slope {
 inline Slope slope_of(const Mode& mode, double v, double I_e, double grip, double e_positive, double e_negative) {
     const double s = mode.cross;
     switch (mode.kind) {
-        case 1: return {-grip - e_positive * v, I_e + e_positive};
-        case -1: return {grip - e_negative * v, I_e + e_negative};
-        case -2: return {-grip * (2.0 * s - 1.0) - e_positive * v * s, I_e + e_negative * (1.0 - s)};
-        case 2: return {grip * (2.0 * s - 1.0) - e_negative * v * s, I_e + e_positive * (1.0 - s)};
-        default: return {0.0, 1.0};
+        case 1:
+            return {-grip - e_positive * v, I_e + e_positive};
+        case -1:
+            return {grip - e_negative * v, I_e + e_negative};
+        case -2:
+            return {-grip * (2.0 * s - 1.0) - e_positive * v * s, I_e + e_negative * (1.0 - s)};
+        case 2:
+            return {grip * (2.0 * s - 1.0) - e_negative * v * s, I_e + e_positive * (1.0 - s)};
+        default:
+            return {0.0, 1.0};
     }
 }
 

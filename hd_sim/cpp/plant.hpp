@@ -10,17 +10,17 @@
 namespace hd_sim {
 
 struct Options {
-    double dt = 0.0;            // s, one substep
-    int substeps = 0;           // per tick
-    int reported_delay = 0;     // ticks that the drive declares
-    bool first_order = false;   // the simple scheme, as an independent limit for accuracy tests
-    bool accounts = false;      // keep work accounts (motor, friction, damping, hysteresis)
+    double dt = 0.0;           // s, one substep
+    int substeps = 0;          // per tick
+    int reported_delay = 0;    // ticks that the drive declares
+    bool first_order = false;  // the simple scheme, as an independent limit for accuracy tests
+    bool accounts = false;     // keep work accounts (motor, friction, damping, hysteresis)
     std::uint64_t keys[STREAMS] = {};
 };
 
 // The face that Python sees, whatever the number of joints.
 class World {
-public:
+  public:
     virtual ~World() = default;
     virtual void write_state(double* flat) const = 0;
     virtual void read_state(const double* flat) = 0;
@@ -40,11 +40,12 @@ class Plant final : public World {
     static constexpr int P = Lanes<N>::padded;
     using V = typename Lanes<N>::V;
 
-public:
+  public:
     Plant(const double* parameters, const Options& options) : o_(options) {
         read_block<P>(p_, parameters, N);
         d_.dt = o_.dt;
         d_.half = 0.5 * o_.dt;
+        d_.rate = 1.0 / o_.dt;
         d_.ahead = o_.first_order ? 0.0 : d_.half;
         for (int j = 0; j < P; ++j) derive(j);
         effects_.find(p_, N, 0.5 * o_.dt);
@@ -86,10 +87,10 @@ public:
     void start(const double* pose, const double* torque, bool motor_side) override;
     void sample(double* flat) override;
     void truth(double* flat) override;
-    void accelerate(const double* q, const double* w, const double* torque, const double* armature, double* acceleration,
-                    double* inertia, double* bias) override;
+    void accelerate(const double* q, const double* w, const double* torque, const double* armature,
+                    double* acceleration, double* inertia, double* bias) override;
 
-private:
+  private:
     void derive(int j);
     void build_arm();
     void begin_tick();
@@ -105,7 +106,9 @@ private:
     void account(int j, double v, double v_end, double w, double w_end);
     double end_torque(int j, double* torsion, double* hysteresis, double* kinematic) const;
     double time() const { return s_.tick[0][0] * o_.dt * o_.substeps; }
-    int slot(int ticks_ago) const { return (static_cast<int>(s_.tick[0][0]) + 64 * DELAY_TICKS - ticks_ago) % DELAY_TICKS; }
+    int slot(int ticks_ago) const {
+        return (static_cast<int>(s_.tick[0][0]) + 64 * DELAY_TICKS - ticks_ago) % DELAY_TICKS;
+    }
 
     Options o_;
     Parameters<P> p_{};

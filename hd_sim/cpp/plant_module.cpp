@@ -29,13 +29,14 @@ const Fields& fields_of(const std::string& name) {
 }
 
 class Kernel {
-public:
-    Kernel(int joints, const Array& parameters, double dt, int substeps, int reported_delay, bool first_order, bool accounts,
-           const std::vector<std::uint64_t>& keys)
+  public:
+    Kernel(int joints, const Array& parameters, double dt, int substeps, int reported_delay, bool first_order,
+           bool accounts, const std::vector<std::uint64_t>& keys)
         : joints_(joints) {
         check(parameters, size_of("PlantParameters"), "parameters");
         if (!(dt > 0.0) || substeps < 1) throw std::invalid_argument("dt and substeps must be positive");
-        if (reported_delay < 0 || reported_delay > 16) throw std::invalid_argument("reported_delay must be 0 to 16 ticks");
+        if (reported_delay < 0 || reported_delay > 16)
+            throw std::invalid_argument("reported_delay must be 0 to 16 ticks");
         if (keys.size() != hd_sim::STREAMS) throw std::invalid_argument("expected one noise key for each stream");
         hd_sim::Options options;
         options.dt = dt;
@@ -47,9 +48,15 @@ public:
         world_ = make_world<1>(joints, parameters.data(), options);
     }
 
-    Array state() const { return filled("PlantState", [this](double* to) { world_->write_state(to); }); }
-    Array sample() { return filled("PlantSample", [this](double* to) { world_->sample(to); }); }
-    Array truth() { return filled("PlantTruth", [this](double* to) { world_->truth(to); }); }
+    Array state() const {
+        return filled("PlantState", [this](double* to) { world_->write_state(to); });
+    }
+    Array sample() {
+        return filled("PlantSample", [this](double* to) { world_->sample(to); });
+    }
+    Array truth() {
+        return filled("PlantTruth", [this](double* to) { world_->truth(to); });
+    }
     void advance() { world_->advance(); }
     void brake(bool engage) { world_->brake(engage); }
 
@@ -78,7 +85,8 @@ public:
 
     // One tick per row of `commands`; sample i is read after command i is latched, before the tick is advanced.
     py::tuple step_many(const Array& commands, bool samples, bool truths) {
-        if (commands.ndim() != 2 || commands.shape(1) != joints_) throw std::invalid_argument("commands: expected (ticks, joints)");
+        if (commands.ndim() != 2 || commands.shape(1) != joints_)
+            throw std::invalid_argument("commands: expected (ticks, joints)");
         const py::ssize_t ticks = commands.shape(0);
         const py::ssize_t width = size_of("PlantSample"), depth = size_of("PlantTruth");
         Array seen({samples ? ticks : 0, width}), real({truths ? ticks : 0, depth});
@@ -104,8 +112,10 @@ public:
         return py::make_tuple(acceleration, inertia, bias);
     }
 
-private:
-    py::ssize_t size_of(const char* block) const { return static_cast<py::ssize_t>(hd::block_size(fields_of(block), joints_)); }
+  private:
+    py::ssize_t size_of(const char* block) const {
+        return static_cast<py::ssize_t>(hd::block_size(fields_of(block), joints_));
+    }
 
     template <class Fill>
     Array filled(const char* block, Fill fill) const {
@@ -132,15 +142,16 @@ PYBIND11_MODULE(_plant, m) {
     py::dict blocks;
     for (const char* name : {"PlantParameters", "PlantState", "PlantSample", "PlantTruth"}) {
         py::list list;
-        for (const hd::Field& field : fields_of(name)) list.append(py::make_tuple(field.name, field.per_joint, field.unit, field.meaning));
+        for (const hd::Field& field : fields_of(name))
+            list.append(py::make_tuple(field.name, field.per_joint, field.unit, field.meaning));
         blocks[name] = list;
     }
     m.attr("BLOCKS") = blocks;
     m.attr("NOISE_STREAMS") = py::make_tuple("gauge_bridge", "resolver", "sampling_jitter");
     py::class_<Kernel>(m, "Kernel")
-        .def(py::init<int, const Array&, double, int, int, bool, bool, const std::vector<std::uint64_t>&>(), py::arg("joints"),
-             py::arg("parameters"), py::arg("dt"), py::arg("substeps"), py::arg("reported_delay"), py::arg("first_order"),
-             py::arg("accounts"), py::arg("keys"))
+        .def(py::init<int, const Array&, double, int, int, bool, bool, const std::vector<std::uint64_t>&>(),
+             py::arg("joints"), py::arg("parameters"), py::arg("dt"), py::arg("substeps"), py::arg("reported_delay"),
+             py::arg("first_order"), py::arg("accounts"), py::arg("keys"))
         .def("state", &Kernel::state)
         .def("restore", &Kernel::restore)
         .def("start", &Kernel::start)

@@ -70,9 +70,9 @@ void Plant<N>::adopt(const Mode* modes) {
         const double v = s_.motor_velocity[0][j], Y = k_.slope[j], c_t = k_.stiffening[j];
         double torque = k_.torque_0[j] - c_t * Y * v, armature = o_.dt * c_t;
         if (mode.kind != 0) {
-            const Slope line = o_.first_order
-                                   ? slope_first_order(mode, k_.inertia[j], k_.grip[j], k_.e_positive[j], k_.e_negative[j])
-                                   : slope_of(mode, v, k_.inertia[j], k_.grip[j], k_.e_positive[j], k_.e_negative[j]);
+            const Slope line =
+                o_.first_order ? slope_first_order(mode, k_.inertia[j], k_.grip[j], k_.e_positive[j], k_.e_negative[j])
+                               : slope_of(mode, v, k_.inertia[j], k_.grip[j], k_.e_positive[j], k_.e_negative[j]);
             k_.shift[j] = line.shift;
             k_.inverse[j] = 1.0 / line.divisor;
             torque += c_t * Y * ((k_.momentum[j] + line.shift) * k_.inverse[j]);
@@ -113,7 +113,8 @@ void Plant<N>::finish() {
         const double v_end = mode.kind == 0 ? 0.0 : (k_.numerator[j] + k_.shift[j]) * k_.inverse[j];
         const double w_end = w + o_.dt * k_.acceleration[j];
         const double torque = k_.torque_0[j] + k_.stiffening[j] * (k_.slope[j] * (v_end - v) - (w_end - w));
-        k_.v_end[j] = v_end;
+        s_.friction_torque[0][j] =
+            k_.drive_torque[j] - k_.slope[j] * torque - p_.rotor_inertia[0][j] * ((v_end - v) * d_.rate);
         double travel = d_.half * (v + v_end), v_a = 0.0;
         if (mode.kind == 0) {
             travel = d_.half * mode.cross * v;
@@ -155,8 +156,8 @@ void Plant<N>::account(int j, double v, double v_end, double w, double w_end) {
     const double limit = D < 0.0 ? -d_.hysteresis_limit[j] : d_.hysteresis_limit[j];
     const double mean = x > 0.0 ? -std::expm1(-x) / x : 1.0;
     s_.motor_work[0][j] += k_.drive_torque[j] * (path + back);
-    s_.friction_work[0][j] += grip * (std::fabs(path) + std::fabs(back)) + p_.friction_offset[0][j] * (path + back) +
-                              drag * third;
+    s_.friction_work[0][j] +=
+        grip * (std::fabs(path) + std::fabs(back)) + p_.friction_offset[0][j] * (path + back) + drag * third;
     s_.damping_work[0][j] += p_.torsional_damping[0][j] * rate * rate * o_.dt;
     s_.hysteresis_work[0][j] += limit * D + (s_.hysteresis_torque[0][j] - limit) * D * mean;
 }

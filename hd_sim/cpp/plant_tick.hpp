@@ -7,7 +7,9 @@ namespace hd_sim {
 
 template <int N>
 void Plant<N>::derive(int j) {
-    const auto blend = [&](double time_constant) { return time_constant > 0.0 ? -std::expm1(-o_.dt / time_constant) : 1.0; };
+    const auto blend = [&](double time_constant) {
+        return time_constant > 0.0 ? -std::expm1(-o_.dt / time_constant) : 1.0;
+    };
     const double rate = p_.hysteresis_rate[0][j], fast = p_.stribeck_velocity[0][j];
     d_.current_blend[j] = blend(p_.current_time_constant[0][j]);
     d_.gauge_blend[j] = blend(p_.gauge_time_constant[0][j]);
@@ -29,8 +31,11 @@ void Plant<N>::build_arm() {
         link.origin = {p_.link_origin[0][j], p_.link_origin[1][j], p_.link_origin[2][j]};
         link.mass = m;
         link.moment = m * c;
-        link.about_origin = {i(0) + m * (c.y * c.y + c.z * c.z), i(4) + m * (c.x * c.x + c.z * c.z),
-                             i(8) + m * (c.x * c.x + c.y * c.y), i(1) - m * c.x * c.y, i(2) - m * c.x * c.z,
+        link.about_origin = {i(0) + m * (c.y * c.y + c.z * c.z),
+                             i(4) + m * (c.x * c.x + c.z * c.z),
+                             i(8) + m * (c.x * c.x + c.y * c.y),
+                             i(1) - m * c.x * c.y,
+                             i(2) - m * c.x * c.z,
                              i(5) - m * c.y * c.z};
     }
     arm_.base_acceleration = {0.0, 0.0, 9.81};
@@ -66,11 +71,12 @@ void Plant<N>::end_tick() {
     for (int j = 0; j < N; ++j) {
         s_.commands[next][j] = s_.commands[old][j];
         if (s_.brake_request[0][j] != 0.0) s_.brake_age[0][j] += period;
-        const double v = std::fabs(s_.motor_velocity[0][j]), u = s_.current_torque[0][j];
-        const double lost = (k_.level[j] + t_.viscous_positive[j] * v) * v;
+        const double u = s_.current_torque[0][j];
+        const double lost = std::fabs(s_.friction_torque[0][j] * s_.motor_velocity[0][j]);
         const double rise = p_.copper_heating[0][j] * u * u + p_.friction_heating[0][j] * lost;
         const double slow = p_.thermal_time_constant[0][j];
-        if (slow > 0.0) s_.temperature[0][j] += (p_.ambient_temperature[0][j] + rise - s_.temperature[0][j]) * (period / slow);
+        if (slow > 0.0)
+            s_.temperature[0][j] += (p_.ambient_temperature[0][j] + rise - s_.temperature[0][j]) * (period / slow);
     }
 }
 
@@ -93,8 +99,10 @@ double Plant<N>::end_torque(int j, double* torsion, double* hysteresis, double* 
     if (effects_.kinematics[j]) shape_kinematics(p_, s_, at, j);
     const double delta = phi + at.kinematic[j] - at.q[j], step = delta - s_.torsion[0][j];
     const double limit = step < 0.0 ? -d_.hysteresis_limit[j] : d_.hysteresis_limit[j];
-    const double h = limit + (s_.hysteresis_torque[0][j] - limit) * exp_negative(-p_.hysteresis_rate[0][j] * std::fabs(step));
-    const double slip = slip_elements(p_, const_cast<State<P>&>(s_), j, step, false).torque;
+    const double h =
+        limit + (s_.hysteresis_torque[0][j] - limit) * exp_negative(-p_.hysteresis_rate[0][j] * std::fabs(step));
+    double next[4];
+    const double slip = slip_elements(p_, s_, j, step, next).torque;
     *torsion = delta;
     *hysteresis = h + slip;
     const double rate = (1.0 + at.kinematic_slope[j]) * v - s_.joint_velocity[0][j];
@@ -114,22 +122,14 @@ void Plant<N>::truth(double* flat) {
     PlantTruth out(flat, N);
     begin_tick();
     for (int j = 0; j < N; ++j) {
-        const double v = s_.motor_velocity[0][j], u = t_.torque_gain[j] * s_.current_torque[0][j];
         out.motor_position[j] = s_.motor_position[0][j];
-        out.motor_velocity[j] = v;
+        out.motor_velocity[j] = s_.motor_velocity[0][j];
         out.joint_position[j] = s_.joint_position[0][j];
         out.joint_velocity[j] = s_.joint_velocity[0][j];
         out.joint_acceleration[j] = s_.joint_acceleration[0][j];
         out.joint_torque[j] = end_torque(j, out.torsion + j, out.hysteresis_torque + j, out.kinematic_error + j);
-        out.motor_torque[j] = u;
-        const double tau = out.joint_torque[j], ratio = v * d_.stribeck_inverse[j];
-        const double level = t_.coulomb[j] * (1.0 + p_.load_friction_linear[0][j] * std::fabs(tau) +
-                                              p_.load_friction_quadratic[0][j] * tau * tau) *
-                             (1.0 + d_.stribeck_excess[j] * exp_negative(-ratio * ratio));
-        const double viscous = v > 0.0 ? t_.viscous_positive[j] : t_.viscous_negative[j];
-        out.friction_torque[j] = v == 0.0 ? u - tau
-                                          : (v > 0.0 ? level : -level) + p_.friction_offset[0][j] +
-                                                (viscous + p_.quadratic_drag[0][j] * std::fabs(v)) * v;
+        out.motor_torque[j] = t_.torque_gain[j] * s_.current_torque[0][j];
+        out.friction_torque[j] = s_.friction_torque[0][j];
         out.temperature[j] = s_.temperature[0][j];
     }
 }

@@ -1,4 +1,5 @@
-// Rigid-body dynamics of a serial arm of revolute joints on a fixed base: M(q), bias, and (M + diag(a)) qdd = torque - bias.
+// Rigid-body dynamics of a serial arm of revolute joints on a fixed base: M(q), bias, and (M + diag(a)) qdd = torque -
+// bias.
 //
 // All vectors have world axes but belong to the origin of their own joint, so moving a quantity to the parent costs one
 // cross product and no rotation, and nothing cancels over long lever arms. M comes from composite bodies, the bias
@@ -112,8 +113,9 @@ struct Arm {
             couple[i - 1] = couple[i - 1] + (couple[i] + cross(p, force[i]));
             const Vec3 s = 0.5 * (mass * p) + h;  // p h^T + h p^T + m p p^T = p s^T + s p^T
             const double around = 2.0 * dot(p, s);
-            j = {j.xx + (around - 2.0 * p.x * s.x), j.yy + (around - 2.0 * p.y * s.y), j.zz + (around - 2.0 * p.z * s.z),
-                 j.xy - (p.x * s.y + p.y * s.x), j.xz - (p.x * s.z + p.z * s.x), j.yz - (p.y * s.z + p.z * s.y)};
+            j = {j.xx + (around - 2.0 * p.x * s.x), j.yy + (around - 2.0 * p.y * s.y),
+                 j.zz + (around - 2.0 * p.z * s.z), j.xy - (p.x * s.y + p.y * s.x),
+                 j.xz - (p.x * s.z + p.z * s.x),    j.yz - (p.y * s.z + p.z * s.y)};
             h = h + mass * p;
         }
     }

@@ -19,7 +19,8 @@ inline std::uint64_t mixed(std::uint64_t x) {  // the output function of SplitMi
 
 // Standard normal number (Box-Muller) for one stream, joint and tick.
 inline double normal(std::uint64_t key, int joint, double tick) {
-    const std::uint64_t seed = mixed(key ^ mixed((static_cast<std::uint64_t>(tick) << 4) + static_cast<std::uint64_t>(joint)));
+    const std::uint64_t seed =
+        mixed(key ^ mixed((static_cast<std::uint64_t>(tick) << 4) + static_cast<std::uint64_t>(joint)));
     const double unit = 1.0 / 9007199254740992.0;  // 2^-53
     const double radius = static_cast<double>((mixed(seed) >> 11) + 1) * unit;
     const double angle = static_cast<double>(mixed(seed + 1) >> 11) * unit;
@@ -42,8 +43,8 @@ double indicated(const Parameters<P>& p, const State<P>& s, int j, double torque
     double s2, c2, s4, c4;
     sin_cos(2.0 * beta + p.gauge_ripple_phase[0][j], s2, c2);
     sin_cos(4.0 * beta, s4, c4);
-    return (1.0 + p.gauge_gain_error[0][j]) * (1.0 + p.gauge_gain_temperature[0][j] * warm) * torque + p.gauge_offset[0][j] +
-           p.gauge_offset_temperature[0][j] * warm + p.gauge_offset_drift[0][j] * time +
+    return (1.0 + p.gauge_gain_error[0][j]) * (1.0 + p.gauge_gain_temperature[0][j] * warm) * torque +
+           p.gauge_offset[0][j] + p.gauge_offset_temperature[0][j] * warm + p.gauge_offset_drift[0][j] * time +
            p.gauge_ripple_amplitude[0][j] * s2 + p.gauge_fourth_amplitude[0][j] * s4;
 }
 
