@@ -17,7 +17,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hd_control.core.blocks import Block, Layout, layout_of
+from hd_control.core.blocks import Block, layout_of
 from hd_control.core.errors import RobotError
 from hd_control.core.robot import Robot
 from hd_sim import _plant
@@ -45,6 +45,7 @@ class Plant:
         _check_arm(config.robot)
         self.config, self.seed, self.joints = config, seed, config.joints
         self._accounts = accounts
+        self._layouts = {name: layout_of(name, fields, config.joints) for name, fields in _plant.BLOCKS.items()}
         self._kernel = make_kernel(config, seed, accounts)
         self._kernel.start(config.start_position, self.gravity_torque(config.start_position), False)
 
@@ -73,7 +74,7 @@ class Plant:
     def sample(self) -> Block:
         """Sensor readings now: motor_shaft_position rad at the rotor, joint_position rad, gauge_torque and
         motor_torque_applied N m, motor_temperature degC; each (n,)."""
-        return Block(self._layout("PlantSample"), self._kernel.sample())
+        return Block(self._layouts["PlantSample"], self._kernel.sample())
 
     def brake(self, engage: bool) -> None:
         """Requests the brakes of all joints (they hold after their closing time) or opens them at once."""
@@ -92,7 +93,7 @@ class Plant:
     @property
     def state(self) -> Block:
         """A copy of the complete state. `restore` of it continues the run bit for bit."""
-        return Block(self._layout("PlantState"), self._kernel.state())
+        return Block(self._layouts["PlantState"], self._kernel.state())
 
     def restore(self, state: Block | FloatArray) -> None:
         """Sets the complete state, from `state` of a plant with the same number of joints."""
@@ -112,7 +113,7 @@ class Plant:
 
     def true_state(self) -> Block:
         """What no sensor shows: angles, rates, torques, friction. For checks of the simulation only."""
-        return Block(self._layout("PlantTruth"), self._kernel.truth())
+        return Block(self._layouts["PlantTruth"], self._kernel.truth())
 
     @property
     def true_joint_position(self) -> FloatArray:
@@ -124,11 +125,8 @@ class Plant:
         """Exact joint rates (n,) rad/s. For checks of the simulation only."""
         return self.state.joint_velocity
 
-    def _layout(self, name: str) -> Layout:
-        return layout_of(name, _plant.BLOCKS[name], self.joints)
-
     def _columns(self, name: str, rows: FloatArray) -> dict[str, FloatArray]:
-        return {field: rows[:, part] for field, part in self._layout(name).slices.items()} if len(rows) else {}
+        return {field: rows[:, part] for field, part in self._layouts[name].slices.items()} if len(rows) else {}
 
 
 def make_kernel(config: PlantConfig, seed: int = 0, accounts: bool = False) -> _plant.Kernel:
