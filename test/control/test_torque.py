@@ -22,8 +22,17 @@ TERMS = (
 ESTIMATES = ("coulomb_torque", "friction_offset", "viscous_positive", "viscous_negative", "torsional_compliance")
 
 
-def shipped(**changes):
-    return load_params_file(config_path("torque_node.yaml"), "torque_node") | changes
+ZHU = {
+    "law": "adaptive", "compliance_derivative": "stiffness_only", "rate_source": "plain", "kinematic_feedforward": False,
+    "adapt_friction": True, "adapt_compliance": True, "adaptation_scale": 1.0,
+    "coulomb_torque_initial": [0.0] * 7, "friction_offset_initial": [0.0] * 7,
+    "viscous_positive_initial": [0.0] * 7, "viscous_negative_initial": [0.0] * 7,
+}  # fmt: skip
+
+
+def zhu(**changes):
+    """The paper's own switches and start values; tables from the shipped file, which may start otherwise."""
+    return load_params_file(config_path("torque_node.yaml"), "torque_node") | ZHU | changes
 
 
 def with_kinematic_error(values):
@@ -91,7 +100,7 @@ CASES = list(itertools.product(("literal", "stiffness_only", "filtered"), ("plai
 def test_compiled_law_equals_the_plain_one(variant, source, kinematic, dt, cutoff):
     """1e-12 of the largest torque: the two differ in nothing but the order of a few additions."""
     values = with_kinematic_error(
-        shipped(
+        zhu(
             compliance_derivative=variant,
             rate_source=source,
             kinematic_feedforward=kinematic,
@@ -118,7 +127,7 @@ def test_compiled_law_equals_the_plain_one(variant, source, kinematic, dt, cutof
 
 
 def test_the_terms_add_up_to_the_torque():
-    values = shipped()
+    values = zhu()
     outputs, _ = run(values, *history(ticks=100))
     assert any(np.any(output.saturation_torque != 0.0) for output in outputs)
     for output in outputs:
@@ -130,7 +139,7 @@ def test_the_terms_add_up_to_the_torque():
 
 @pytest.mark.parametrize("variant", ["stiffness_only", "filtered", "literal"])
 def test_one_joint_alone_computes_the_same_bits_as_among_seven(variant):
-    values = with_kinematic_error(shipped(compliance_derivative=variant, kinematic_feedforward=True))
+    values = with_kinematic_error(zhu(compliance_derivative=variant, kinematic_feedforward=True))
     sample, reference = history(ticks=200)
     all_outputs, all_states = run(values, sample, reference)
     one = [{n: v[:, 2:3] for n, v in part.items()} for part in (sample, reference)]
@@ -141,7 +150,7 @@ def test_one_joint_alone_computes_the_same_bits_as_among_seven(variant):
 
 
 def test_permuting_the_joints_permutes_the_result():
-    values = with_kinematic_error(shipped(rate_source="error_filter", kinematic_feedforward=True))
+    values = with_kinematic_error(zhu(rate_source="error_filter", kinematic_feedforward=True))
     order = [4, 0, 6, 2, 5, 1, 3]
     sample, reference = history(ticks=100)
     outputs, states = run(values, sample, reference)
@@ -155,7 +164,7 @@ def test_permuting_the_joints_permutes_the_result():
 
 def test_mirrored_signs_mirror_the_torque():
     """Bounds symmetric and viscous coefficients equal: the law is odd."""
-    values = shipped(coulomb_torque_low=[-5.0] * 7, coulomb_torque_high=[5.0] * 7)
+    values = zhu(coulomb_torque_low=[-5.0] * 7, coulomb_torque_high=[5.0] * 7)
     sample, reference = history(ticks=200)
     outputs, _ = run(values, sample, reference)
     mirrored = [{n: -v for n, v in part.items()} for part in (sample, reference)]
@@ -165,7 +174,7 @@ def test_mirrored_signs_mirror_the_torque():
 
 
 def test_step_changes_none_of_its_arguments():
-    params = torque.configure(shipped(), None, DT)
+    params = torque.configure(zhu(), None, DT)
     state, sample, reference = torque.initial_state(params), torque.new_sample(7), torque.new_reference(7)
     sample.joint_position, reference.joint_torque_required = 0.3, 7.0
     before = [block.array.copy() for block in (params, state, sample, reference)]
@@ -176,7 +185,7 @@ def test_step_changes_none_of_its_arguments():
 
 def test_new_gains_in_the_middle_leave_the_state_alone():
     """Changing gains and changing them back at once equals never having touched them, and estimates do not restart."""
-    values, (sample, reference) = shipped(), history(ticks=300)
+    values, (sample, reference) = zhu(), history(ticks=300)
     outputs, states = run(values, sample, reference)
     params = torque.configure(values, None, DT)
     other = torque.configure(values | {"motor_velocity_gain": [7.0] * 7}, None, DT)
@@ -198,7 +207,7 @@ def test_new_gains_in_the_middle_leave_the_state_alone():
 
 
 def test_frozen_estimates_keep_their_bits():
-    values, (sample, reference) = shipped(), history(ticks=200)
+    values, (sample, reference) = zhu(), history(ticks=200)
     _, states = run(values, sample, reference)
     frozen = torque.configure(values | {"adapt_friction": False, "adapt_compliance": False}, None, DT)
     state, block, ref = states[-1], torque.new_sample(7), torque.new_reference(7)
@@ -210,7 +219,7 @@ def test_frozen_estimates_keep_their_bits():
 
 
 def test_estimates_stay_inside_their_bounds():
-    values, (sample, reference) = shipped(), history(ticks=1000, seed=3)
+    values, (sample, reference) = zhu(), history(ticks=1000, seed=3)
     _, states = run(values | {"adaptation_scale": 10.0}, sample, reference)
     bounds = {n: n if n.startswith(("c", "f", "t")) else "viscous" for n in ESTIMATES}
     touched = 0
@@ -225,7 +234,7 @@ def test_estimates_stay_inside_their_bounds():
 @pytest.mark.parametrize("name", [*SAMPLE, *REFERENCE])
 def test_bad_numbers_never_enter_the_state(bad, name):
     """The torque of that joint is not finite or limited, its memory stays finite, the other joints do not notice."""
-    values, (sample, reference) = shipped(rate_source="error_filter", law="adaptive"), history(ticks=30)
+    values, (sample, reference) = zhu(rate_source="error_filter", law="adaptive"), history(ticks=30)
     clean, _ = run(values, sample, reference)
     part = sample if name in sample else reference
     part[name] = part[name].copy()
@@ -241,7 +250,7 @@ def test_bad_numbers_never_enter_the_state(bad, name):
 
 def test_bumpless_start_has_no_rates():
     """First sample at rest under load: the torque is the load and the friction of the wanted velocity, nothing else."""
-    params = torque.configure(shipped(torsional_compliance_initial=shipped()["torsional_compliance_low"]), None, DT)
+    params = torque.configure(zhu(torsional_compliance_initial=zhu()["torsional_compliance_low"]), None, DT)
     sample, reference = torque.new_sample(7), torque.new_reference(7)
     load = np.array([100.0, 100.0, 100.0, 50.0, 20.0, 20.0, 10.0])
     sample.joint_torque = reference.joint_torque_required = load
@@ -258,7 +267,7 @@ def test_the_derived_acceleration_of_the_reference_is_second_order():
     """(3 d_k - d_{k-1})/2 on q_d' = cos: the error falls with dt squared."""
     errors = []
     for dt in (2e-3, 1e-3):
-        params = torque.configure(shipped(), None, dt)
+        params = torque.configure(zhu(), None, dt)
         state, sample, reference = torque.initial_state(params), torque.new_sample(7), torque.new_reference(7)
         worst = 0.0
         for k in range(400):
@@ -271,7 +280,7 @@ def test_the_derived_acceleration_of_the_reference_is_second_order():
 
 
 def test_direct_law_passes_the_torque_on():
-    values = shipped(law="direct")
+    values = zhu(law="direct")
     outputs, states = run(values, *history(ticks=20))
     _, reference = history(ticks=20)
     for k, output in enumerate(outputs):

@@ -79,6 +79,10 @@ def prescribed(t):
 def run_ideal_drive(seconds, dt, **changes):
     """V1 along the compiled law on an ideal drive with prescribed link motion and required torque; joint 7."""
     values = load_params_file(config_path("torque_node.yaml"), "torque_node")
+    values |= {
+        name: [0.0] * 7 for name in values if name.endswith("_initial") and name != "torsional_compliance_initial"
+    }
+    values |= {"rate_source": "plain", "adapt_friction": True, "adapt_compliance": True, "adaptation_scale": 1.0}
     values |= {"joints": ["joint_7"], "compliance_derivative": "literal", "derivative_cutoff": 1e5} | changes
     params = torque.configure(values, None, dt)
     state, sample, reference = torque.initial_state(params), torque.new_sample(1), torque.new_reference(1)
