@@ -135,7 +135,7 @@ def make_plan(
         return Plan((), ticks, motion.window)
     goal = Goal(
         joint_names=tuple(joint_names),
-        times=motion.times - motion.times[0],
+        times=np.round((motion.times - motion.times[0]) * 1e9) * 1e-9,  # whole nanoseconds, as in a message
         positions=motion.positions,
         velocities=motion.velocities,
         accelerations=motion.accelerations,

@@ -1,0 +1,176 @@
+"""`hd simulate SCENARIO -o BAG`: a recorded run without ROS, in lock-step, faster than real time."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hd_sim.scenario import Plan
+    from hd_sim.truth import HiddenEffect
+
+NAME = "simulate"
+HELP = "record a simulated run without ROS, faster than real time"
+EXAMPLE = "hd simulate coordinated -o bags/run1 --seed 3"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the command."""
+    parser.add_argument("scenario", metavar="SCENARIO", nargs="?", help="name of the scenario; see --list")
+    parser.add_argument("-o", "--output", metavar="BAG", help="folder of the new bag")
+    parser.add_argument("--list", action="store_true", help="list the scenarios and hidden effects")
+    parser.add_argument("--plant", metavar="FILE", help="plant file, shipped name or path [the scenario's own]")
+    parser.add_argument("--seed", type=int, default=0, help="seed of noise, hidden effects and random motion [0]")
+    parser.add_argument(
+        "--hide", metavar="[JOINT/]EFFECT[:STRENGTH]", action="append", default=[], help="hidden effect; may be repeated"
+    )
+    parser.add_argument("--nominal", action="store_true", help="strip the plant to the usual model before hiding")
+    parser.add_argument("--seal", metavar="FILE", help="where the truth is sealed [BAG.seal if something is hidden]")
+    parser.add_argument(
+        "--set",
+        metavar="NODE.PARAM=VALUE",
+        action="append",
+        default=[],
+        help="change a parameter, as in torque_node.rate_source=plain; VALUE is YAML",
+    )
+    parser.add_argument("--delay", type=int, default=1, metavar="N", help="command delay in samples, at least 1 [1]")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Runs the scenario and writes the bag."""
+    from hd_control.core.errors import ConfigError
+
+    if arguments.list:
+        return _list(arguments)
+    if not arguments.scenario or not arguments.output:
+        raise ConfigError("give a scenario and -o BAG, as in: " + EXAMPLE + "; hd simulate --list shows what there is")
+    return _simulate(arguments)
+
+
+def _list(arguments: argparse.Namespace) -> int:
+    from hd_control.cli.options import say, write_json
+    from hd_sim.scenario import SCENARIOS
+    from hd_sim.truth import OUTSIDE, VOCABULARY
+
+    for scenario in SCENARIOS.values():
+        say(arguments, f"{scenario.name:24} {scenario.meaning}; plant {scenario.plant}")
+    say(arguments, "\nhidden effects: " + ", ".join(VOCABULARY))
+    say(arguments, "outside the library: " + ", ".join(OUTSIDE))
+    names = {"scenarios": list(SCENARIOS), "effects": list(VOCABULARY), "outside": list(OUTSIDE)}
+    write_json(arguments, {"schema": "hd.simulate_list/1", **names})
+    return 0
+
+
+def _simulate(arguments: argparse.Namespace) -> int:
+    from dataclasses import replace
+    from pathlib import Path
+
+    from hd_control.cli.options import Progress, refuse_overwrite, say, write_json
+    from hd_control.core.errors import ConfigError
+    from hd_sim.plant_config import PlantConfig
+    from hd_sim.recording import RunRecording
+    from hd_sim.runner import Runner, RunSetup
+    from hd_sim.scenario import find_scenario, make_plan
+    from hd_sim.truth import apply_hidden, nominal, truth_of, write_seal
+
+    scenario = find_scenario(arguments.scenario)
+    output = Path(arguments.output)
+    refuse_overwrite(output, arguments.force)
+    config = PlantConfig.from_file(arguments.plant or scenario.plant)
+    if not 1 <= arguments.delay <= 17:
+        raise ConfigError(f"--delay: {arguments.delay} is outside [1, 17] samples")
+    config = replace(config, extra_delay_samples=config.extra_delay_samples + arguments.delay - 1)
+    visible = nominal(config) if arguments.nominal else config
+    effects = hidden_effects(arguments.hide, config.robot.joint_names)
+    config = apply_hidden(visible, effects, arguments.seed)
+    setup = RunSetup(config, arguments.seed, parameter_values(arguments.set))
+    runner = Runner(setup)
+    plan = make_plan(
+        scenario, config.robot.joint_names, config.start_position, runner.goal_limits.velocity, config.period, arguments.seed
+    )
+    seal = Path(arguments.seal) if arguments.seal else output.with_name(output.name + ".seal")
+    if effects:
+        refuse_overwrite(seal, arguments.force)
+    notes = {"scenario": scenario.name, "plant": arguments.plant or scenario.plant, "seed": str(arguments.seed)}
+    notes |= {"clock": "lockstep", "period": repr(config.period), "command_delay_samples": str(arguments.delay)}
+    progress = Progress(arguments, plan.ticks, f"simulate {scenario.name}")
+    with RunRecording(output, config.robot, config.period, notes, arguments.force) as recording:
+        for node, values in _all_values(setup).items():
+            recording.writer.attach(f"{node}.yaml", _params_text(values), "application/yaml")
+        for tick, goal in plan.goals:
+            recording.goal(tick, goal)
+
+        def observe(tick: int, bus: Any) -> None:
+            recording.observe(tick, bus)
+            if tick % 500 == 0:
+                progress.update(tick)
+
+        runner.run(plan, observe)
+    progress.close()
+    if effects:
+        seal.unlink(missing_ok=True)
+        write_seal(seal, truth_of(visible, effects, arguments.seed))
+    return _report(arguments, output, seal if effects else None, plan, runner, write_json, say)
+
+
+def _report(
+    arguments: argparse.Namespace, output: Any, seal: Any, plan: Plan, runner: Any, write_json: Any, say: Any
+) -> int:
+    stopped, values = runner.world.report()
+    say(arguments, f"{output}: {plan.ticks} ticks of {runner.period * 1e3:g} ms")
+    if seal is not None:
+        say(arguments, f"{seal}: the truth, sealed")
+    if stopped:
+        say(arguments, f"the safety gate stopped the robot: {stopped}")
+    document = {"schema": "hd.simulate/1", "bag": str(output), "seal": None if seal is None else str(seal)}
+    write_json(arguments, {**document, "ticks": plan.ticks, "window": plan.window, "stopped": stopped or None, "gate": values})
+    return 1 if stopped else 0
+
+
+def hidden_effects(texts: list[str], joint_names: tuple[str, ...]) -> list[HiddenEffect]:
+    """`[JOINT/]EFFECT[:STRENGTH]` as values; without a joint the effect is on every joint. Raises ConfigError."""
+    from hd_control.core.errors import ConfigError
+    from hd_sim.truth import HiddenEffect
+
+    found = []
+    for text in texts:
+        joint, _, rest = text.rpartition("/")
+        name, _, strength = rest.partition(":")
+        try:
+            value = float(strength) if strength else 1.0
+        except ValueError:
+            raise ConfigError(f"--hide {text}: strength {strength!r} is not a number") from None
+        if joint and joint not in joint_names:
+            raise ConfigError(f"--hide {text}: unknown joint {joint!r}; there is {', '.join(joint_names)}")
+        found += [HiddenEffect(one, name, value) for one in ([joint] if joint else joint_names)]
+    return found
+
+
+def parameter_values(texts: list[str]) -> dict[str, dict[str, Any]]:
+    """`NODE.PARAM=VALUE` as values by node. Raises ConfigError."""
+    from hd_control.core.errors import ConfigError
+    from hd_control.core.strict_yaml import parse_yaml
+    from hd_sim.runner import LAWS
+
+    found: dict[str, dict[str, Any]] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        node, dot, parameter = name.partition(".")
+        if not (equals and dot and node in LAWS):
+            raise ConfigError(f"--set {text}: expected NODE.PARAM=VALUE with NODE one of {', '.join(LAWS)}")
+        found.setdefault(node, {})[parameter] = parse_yaml(value, f"--set {name}")
+    return found
+
+
+def _all_values(setup: Any) -> dict[str, dict[str, Any]]:
+    from hd_sim.runner import LAWS
+
+    return {node: setup.node_values(node) for node in LAWS}
+
+
+def _params_text(values: dict[str, Any]) -> str:
+    """A params file with these values; JSON notation is YAML."""
+    import json
+
+    lines = [f"    {name}: {json.dumps(value)}" for name, value in values.items()]
+    return "/**:\n  ros__parameters:\n" + "\n".join(lines) + "\n"
