@@ -24,6 +24,7 @@ Q0 = np.array([0.2, 0.5, -0.6, 1.0, -0.5, 0.4, 0.3])
 LIMITS = GoalLimits.from_values(shipped_values(), ARM)
 GOOD = quintic_move(NAMES, Q0, Q0 + 0.2, 0.4)
 NONE = np.zeros((2, 7))
+GOALS = int(os.environ.get("HD_GOALS", "500"))  # random goals of the property test; 20 000 in long runs
 
 
 def _follower(position=Q0):

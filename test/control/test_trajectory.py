@@ -267,3 +267,36 @@ def test_enveloped_sine_is_its_own_derivative():
     np.testing.assert_allclose((later[0] - before[0]) / (2 * h), rate, atol=1e-8)
     np.testing.assert_allclose((later[1] - before[1]) / (2 * h), second, atol=1e-6)
     assert np.all(value[t == 0.0] == 0.0)
+
+
+def test_after_the_end_nothing_moves_whatever_the_last_point_says():
+    """A checked goal ends at rest; a follower that is given another one still holds still after it."""
+    times, q, ones = np.array([0.0, 0.5]), np.stack([Q0, Q0 + 0.1]), np.ones((2, 3))
+    follower = TrajectoryFollower(NAMES, DT, Q0)
+    path = follower.accept(Goal(NAMES, times, q, ones, ones), 0)
+    at, after = follower.at(path.end_tick), follower.at(path.end_tick + 1)
+    np.testing.assert_array_equal([at.position, at.velocity, at.acceleration], [q[1], ones[1], ones[1]])
+    np.testing.assert_array_equal([after.position, after.velocity, after.acceleration], [q[1], 0 * q[1], 0 * q[1]])
+
+
+def test_extrema_of_segments_are_exact():
+    """Against the roots that numpy finds as eigenvalues; 1e-9 of values of order one is their accuracy.
+
+    Segments of all kinds: random quintics, cubics, rest-to-rest moves (triple roots at the ends), lines and constants.
+    """
+    random = np.random.default_rng(12)
+    follower = TrajectoryFollower(NAMES, DT, Q0)
+    goals = [_goal(random, 30, order) for order in (1, 3, 5) for _ in range(3)]
+    goals += [quintic_move(NAMES, Q0, Q0 + [0.1, 0.0, -0.3], 0.4), moves(NAMES, Q0, [[0.1, 0.0, 0.2]], 0.4)]
+    for goal in goals:
+        path = follower.plan(goal, 0)
+        found, lengths = path.extrema(), np.diff(path.knots) * DT
+        for segment, T in enumerate(lengths):
+            for j in range(3):
+                position = np.polynomial.Polynomial(path.coefficients[segment, j])
+                for d in range(3):
+                    wave = position.deriv(d)
+                    turns = [t.real for t in wave.deriv().roots() if abs(t.imag) < 1e-5 and 0 < t.real < T]
+                    values = wave(np.array([0.0, T, *turns]))
+                    np.testing.assert_allclose(found[segment, j, 2 * d], values.min(), rtol=1e-9, atol=1e-9)
+                    np.testing.assert_allclose(found[segment, j, 2 * d + 1], values.max(), rtol=1e-9, atol=1e-9)
