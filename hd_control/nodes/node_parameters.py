@@ -16,6 +16,8 @@ COMMON = ParameterSet(
         Parameter("robot", "robot description: shipped name or path of a URDF", kind=str, change=Change.FIXED),
         Parameter("period", "control period", "s", low=1e-4, high=0.1, change=Change.FIXED),
         Parameter("autostart", "configure and activate without a manager", kind=bool, change=Change.FIXED),
+        Parameter("publisher_depth", "messages kept for slow readers: 1 on the wall clock, more for a lock-step recording",
+                  kind=int, low=1, high=10_000, change=Change.FIXED),  # fmt: skip
         Parameter("introspection", "publish every number of the law each tick", kind=bool, change=Change.HOT),
     ),
 )

@@ -68,6 +68,8 @@ class RunPlan:
             values["with_plant"] = True
         if executable != "plant_node" and "with_plant" not in values:
             values["robot"] = self.robot or self.plant
+        if self.lockstep and self.bag is not None:
+            values["publisher_depth"] = 2 * self.recorder_lag
         if executable == "recorder_node" and self.bag is not None:
             values["bag"] = str(self.bag)
         values |= own | dict(self.parameters.get(executable, {}))

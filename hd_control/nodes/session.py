@@ -11,7 +11,6 @@ Leaving the block stops every process, also on Ctrl-C. Must be entered from a th
 
 from __future__ import annotations
 
-import os
 import tempfile
 import time
 from collections.abc import Callable, Mapping
@@ -38,8 +37,6 @@ class Session:
         self.plan, self.domain, self.logs = plan, domain, logs
         self.processes: list[NodeProcess] = plan.processes()
         environment = child_environment(domain, not plan.lockstep if real_time is None else real_time)
-        if plan.lockstep:  # one sequence of small steps: on one core there is nothing to wake up
-            environment.setdefault("HD_AFFINITY", str((domain or 0) % (os.cpu_count() or 1)))
         self._children = Children(environment)
         self.exit_codes: dict[str, int] = {}
         self._client: Any = None

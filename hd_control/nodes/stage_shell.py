@@ -14,14 +14,12 @@ from hd_control.nodes.lifecycle_shell import OK, Introspection, Shell
 from hd_control.nodes.ros_loop import JoinedTurn, RawInput, TemperatureInput, chain_qos, wait_matched
 from hd_control.nodes.stage import Bus, Stage
 
-PUBLISHER_DEPTH = 1
-
 
 class Output:
     """A chain topic of some joints, published as bytes with the run id of the node."""
 
     def __init__(self, node: Shell, topic: str, joint_names: Sequence[str]) -> None:
-        self.publisher = node.create_publisher(JointState, topic, chain_qos(PUBLISHER_DEPTH))
+        self.publisher = node.create_publisher(JointState, topic, chain_qos(node.values["publisher_depth"]))
         self._publish = self.publisher.handle.publish_raw
         self._encode = topics.joint_state_codec(topic, joint_names).encode
         self._run_id = node.run_id

@@ -1,0 +1,44 @@
+"""Sessions for process tests: lock-step, local discovery, a random domain, bounded waits."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from hd_control.control.trajectory import Goal, quintic_move
+from hd_control.nodes.run_plan import RunPlan
+from hd_control.nodes.session import Session
+
+START = np.array([0.2, 0.5, -0.6, 1.0, -0.5, 0.4, 0.3])
+"""Start position of the shipped plant arm_a, rad."""
+JOINTS = tuple(f"joint_{number}" for number in range(1, 8))
+PAUSE, GOAL_TICK, END = 40, 60, 400
+
+
+def a_goal() -> Goal:
+    """All joints by 0.05 rad at 0.3 rad/s."""
+    return replace(quintic_move(JOINTS, START, START + 0.05, 0.3, "move"), start_tick=GOAL_TICK)
+
+
+def run_with_goal(session: Session, end: int = END) -> None:
+    """To tick 40, a goal that starts at tick 60, then to the end; every run does the same at the same ticks."""
+    session.activate()
+    session.wait_until_tick(PAUSE)
+    session.send_goal(a_goal())
+    session.run_to(end)
+
+
+def random_domain() -> int:
+    return random.SystemRandom().randint(1, 100)
+
+
+def record(folder: Path, **plan: object) -> Path:
+    """Runs a plan with a goal and a recorder in lock-step; returns the bag."""
+    plant = "chain" if "chain" in plan.get("nodes", ()) else "plant_node"  # type: ignore[operator]
+    chosen = RunPlan(lockstep=True, bag=folder / "bag", parameters={plant: {"pause_at_tick": PAUSE}}, **plan)  # type: ignore[arg-type]
+    with Session(chosen, random_domain(), folder / "logs") as session:
+        run_with_goal(session)
+    assert set(session.exit_codes.values()) == {0}, session.exit_codes
+    return folder / "bag"

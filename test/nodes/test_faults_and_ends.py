@@ -1,0 +1,95 @@
+"""Kill a node, press Ctrl-C, give nonsense: what stops, what lives on, which exit codes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from hd_control.nodes.children import child_environment
+from hd_control.nodes.run_plan import MODULES, RunPlan
+from hd_control.nodes.session import Session
+from node_runs import random_domain
+
+pytestmark = pytest.mark.process
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_f18_killed_torque_node_stops_the_plant_in_ten_ticks_and_latches(tmp_path: Path) -> None:
+    """In a namespace, so that relative names are tested as well."""
+    values = {"plant_node": {"lockstep_timeout": 0.5, "pause_at_tick": 100}}
+    plan = RunPlan(lockstep=True, namespace="arm", parameters=values)
+    with Session(plan, random_domain(), tmp_path) as session:
+        session.activate()
+        session.wait_until_tick(100)
+        session.expect_deaths()
+        session.kill("torque_node", signal.SIGKILL)
+        session.wait_for(lambda: not session.alive("torque_node"), 5.0, "the node did not die")
+        session.run_to(150)
+        session.wait_for(lambda: session.diagnostics("plant_node").get("gate_stopped") == "True", 10.0, "no stop")
+        found = session.diagnostics("plant_node")
+        # Tick 99 had the last command, so it acts in tick 100; ages count from there.
+        assert 100 < int(found["gate_stop_tick"]) <= 100 + 10
+        assert "node_killed" in found["message"] and found["level"] == "2"
+        assert session.set_parameters("plant_node", {"pause_at_tick": 200}) == ""
+        assert "inputs healthy for 0 samples" in session.reset("plant_node")
+        session.wait_until_tick(200)
+        session.wait_for(lambda: session.diagnostics("plant_node").get("tick") == "200", 10.0, "the plant stands")
+        assert session.diagnostics("plant_node")["gate_stopped"] == "True"
+        assert all(session.alive(node) for node in ("plant_node", "fusion_node", "motion_node"))
+    codes = session.exit_codes
+    assert codes.pop("torque_node") == -signal.SIGKILL
+    assert set(codes.values()) == {0}
+
+
+def test_ctrl_c_leaves_no_process(tmp_path: Path) -> None:
+    script = (
+        "import sys, time\n"
+        "from pathlib import Path\n"
+        "from hd_control.nodes.run_plan import RunPlan\n"
+        "from hd_control.nodes.session import Session\n"
+        f"with Session(RunPlan(lockstep=True), {random_domain()}, Path({str(tmp_path)!r})) as session:\n"
+        "    session.activate()\n"
+        "    print(*(session.pid(process.node) for process in session.processes), flush=True)\n"
+        "    time.sleep(60)\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                               env=child_environment(), cwd=ROOT)  # fmt: skip
+    assert process.stdout is not None
+    pids = [int(text) for text in process.stdout.readline().split()]
+    assert len(pids) == 4 and all(Path(f"/proc/{pid}").exists() for pid in pids)
+    process.send_signal(signal.SIGINT)
+    process.wait(20.0)
+    assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
+
+
+@pytest.mark.parametrize(
+    ("node", "arguments", "words"),
+    [
+        ("torque_node", ["-p", "gain:=1.0"], ["gain: unknown parameter", "torque_node"]),
+        ("fusion_node", ["-p", "robot:=nowhere"], ["nowhere"]),
+        ("plant_node", ["-p", "period:=0.002"], ["period: 0.002 s", "0.001 s"]),
+        ("motion_node", ["--params-file", "/no/such/file.yaml"], ["/no/such/file.yaml"]),
+    ],
+)
+def test_bad_configuration_is_one_line_and_exit_code_2(node: str, arguments: list[str], words: list[str]) -> None:
+    done = subprocess.run([sys.executable, "-m", MODULES[node], "--ros-args", *arguments], capture_output=True, text=True,
+                          timeout=30.0, env=child_environment(random_domain(), False), check=False)  # fmt: skip
+    lines = [line for line in done.stderr.splitlines() if line.startswith("error:")]
+    assert done.returncode == 2 and len(lines) == 1 and "Traceback" not in done.stderr, done.stderr
+    assert all(word in lines[0] for word in words), lines[0]
+
+
+def test_a_node_stops_on_sigterm_with_code_0() -> None:
+    process = subprocess.Popen([sys.executable, "-m", MODULES["fusion_node"], "--ros-args", "-p", "autostart:=true"],
+                               env=child_environment(random_domain(), False), stderr=subprocess.PIPE, text=True)  # fmt: skip
+    assert process.stderr is not None
+    line = process.stderr.readline()
+    assert "run " in line, line
+    time.sleep(0.5)
+    os.kill(process.pid, signal.SIGTERM)
+    assert process.wait(10.0) == 0

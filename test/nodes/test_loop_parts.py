@@ -1,0 +1,116 @@
+"""The parts of the loop that need no middleware: joining by tick, counting, plans of processes, imports."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+from hd_control.core.errors import ConfigError
+from hd_control.core.faults import Action, Fault, FaultCode
+from hd_control.nodes.fault_book import FaultBook
+from hd_control.nodes.joiner import Joiner
+from hd_control.nodes.loop_statistics import LoopStatistics
+from hd_control.nodes.run_plan import RunPlan
+from hypothesis import given
+from hypothesis import strategies as st
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_acts_only_on_complete_ticks() -> None:
+    joiner = Joiner(2)
+    assert not joiner.offer(0, 5, "a5")
+    assert joiner.offer(1, 5, "b5")
+    assert joiner.values() == ["a5", "b5"] and joiner.tick == 5
+
+
+def test_a_newer_tick_abandons_and_counts_an_incomplete_one() -> None:
+    joiner = Joiner(2)
+    joiner.offer(0, 1, "a1"), joiner.offer(1, 1, "b1")
+    joiner.offer(0, 2, "a2")
+    joiner.offer(0, 3, "a3")
+    assert joiner.incomplete == 1
+    assert not joiner.offer(1, 2, "b2") and joiner.stale == 1
+    assert joiner.offer(1, 3, "b3") and joiner.values() == ["a3", "b3"]
+
+
+def test_a_stamp_that_stands_still_never_acts_again() -> None:
+    joiner = Joiner(1)
+    assert joiner.offer(0, 7, "x")
+    assert not joiner.offer(0, 7, "x") and joiner.repeated
+
+
+def test_an_optional_input_counts_from_its_first_sight() -> None:
+    joiner = Joiner(2, optional=[0])
+    assert joiner.offer(1, 1, "b1") and joiner.values() == [None, "b1"]
+    assert not joiner.offer(0, 2, "a2")
+    assert joiner.offer(1, 2, "b2") and joiner.values() == ["a2", "b2"]
+    assert not joiner.offer(1, 3, "b3"), "after it was seen, it is waited for"
+
+
+@given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 20)), max_size=60))
+def test_any_interleaving_joins_equal_ticks_in_rising_order(messages: list[tuple[int, int]]) -> None:
+    joiner, acted = Joiner(3), []
+    for index, tick in messages:
+        if joiner.offer(index, tick, tick):
+            assert joiner.values() == [tick] * 3
+            acted.append(tick)
+    assert acted == sorted(set(acted))
+
+
+def test_gaps_in_the_tick_count_as_missed() -> None:
+    statistics = LoopStatistics(1_000_000)
+    for tick in (10, 11, 14, 15):
+        statistics.tick(tick, tick * 1_000_000, tick * 1_000_000 + 50_000)
+    found = statistics.summary()
+    assert (found["ticks"], found["missed"]) == (4, 2)
+    assert found["busy_p50_us"] == 50.0 and found["period_max_us"] == 3000.0
+
+
+def test_statistics_of_a_full_ring_are_those_of_the_newest_ticks() -> None:
+    statistics = LoopStatistics(1_000_000)
+    for tick in range(20_000):
+        statistics.tick(tick, tick * (1_000_000 if tick < 5000 else 2_000_000), 0)
+    assert statistics.summary()["period_max_us"] == 2000.0
+
+
+def test_faults_are_merged_and_the_first_stop_is_kept() -> None:
+    book = FaultBook()
+    report = Fault(FaultCode.TORQUE_LIMITED, 1, 5.0, 4.0, Action.REPORT)
+    stop = Fault(FaultCode.NODE_KILLED, 2, 10.0, 10.0, Action.TORQUE_RAMP)
+    book.note([report], 3)
+    book.note([report, stop], 4)
+    book.note([Fault(FaultCode.NODE_KILLED, 0, 11.0, 10.0, Action.TORQUE_RAMP)], 5)
+    assert book.first_stop == stop and book.first_stop_tick == 4
+    assert book.values(("a", "b", "c"))["HD-F37 torque_limited b"].startswith("2 times since tick 3")
+    book.clear()
+    assert book.headline(("a", "b", "c")) == ""
+
+
+def test_the_plant_is_activated_last_and_a_bag_brings_the_recorder(tmp_path: Path) -> None:
+    names = [process.node for process in RunPlan(bag=tmp_path / "bag", lockstep=True).processes()]
+    assert names == ["recorder_node", "torque_node", "motion_node", "fusion_node", "plant_node"]
+
+
+def test_one_torque_node_per_joint_group() -> None:
+    processes = RunPlan(joint_groups=(("joint_1",), ("joint_2", "joint_3"))).processes()
+    assert [p.node for p in processes][:2] == ["torque_node_1", "torque_node_2"]
+    assert 'joints:=["joint_2", "joint_3"]' in processes[1].ros_arguments()
+
+
+def test_an_unknown_node_is_refused() -> None:
+    with pytest.raises(ConfigError, match="no node 'torque'"):
+        RunPlan(nodes=("torque",))
+
+
+def test_rclpy_is_imported_by_nodes_only() -> None:
+    strangers = []
+    for path in [*ROOT.glob("hd_control/**/*.py"), *ROOT.glob("hd_sim/**/*.py")]:
+        if "nodes" in path.parts:
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            strangers += [f"{path}: {name}" for name in names if name.split(".")[0] in ("rclpy", "sensor_msgs", "std_msgs")]
+    assert not strangers
