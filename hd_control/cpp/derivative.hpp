@@ -2,8 +2,8 @@
 //
 //     D(x)[k] = a D(x)[k-1] + (1 - a) (x[k] - x[k-1]) / dt
 //
-// Rule for the pole a: the paper's own setting (dt = 1 ms, cutoff = 200 rad/s) uses its literal a = 1 - cutoff dt = 0.8;
-// every other setting uses a = exp(-cutoff dt). Group delay at low frequency is a dt / (1 - a) plus half a sample.
+// Rule for the pole a: the paper's own setting (dt = 1 ms, cutoff = 200 rad/s) uses its literal a = 1 - cutoff dt =
+// 0.8; every other setting uses a = exp(-cutoff dt). Group delay at low frequency is a dt / (1 - a) plus half a sample.
 // D squared means D applied to the output of D.
 #pragma once
 

@@ -8,26 +8,26 @@
 
 namespace hd {
 
-#define HD_GATE_LIMITS(FIELD)                                                                             \
-    FIELD(age_limit, 0, "samples", "inputs of this age or older stop the robot")                          \
-    FIELD(rate_excess_limit, 0, "samples", "rate excesses in a row that stop the robot")                  \
-    FIELD(reset_samples, 0, "samples", "healthy samples in a row before a reset is granted")              \
-    FIELD(standstill_velocity, 0, "rad/s", "a joint faster than this refuses a reset")                    \
-    FIELD(torque_limit, 1, "N m", "largest motor torque, output side")                                    \
+#define HD_GATE_LIMITS(FIELD)                                                                \
+    FIELD(age_limit, 0, "samples", "inputs of this age or older stop the robot")             \
+    FIELD(rate_excess_limit, 0, "samples", "rate excesses in a row that stop the robot")     \
+    FIELD(reset_samples, 0, "samples", "healthy samples in a row before a reset is granted") \
+    FIELD(standstill_velocity, 0, "rad/s", "a joint faster than this refuses a reset")       \
+    FIELD(torque_limit, 1, "N m", "largest motor torque, output side")                       \
     FIELD(torque_step, 1, "N m", "largest change of motor torque from sample to sample")
 
-#define HD_GATE_STATE(FIELD)                                                                   \
-    FIELD(active, 0, "-", "1: torque may leave")                                               \
-    FIELD(stopped, 0, "-", "1: latched stop, torque ramps to zero")                            \
-    FIELD(brake_requested, 0, "-", "1 from the sample of the stop until the reset")            \
-    FIELD(stop_code, 0, "-", "fault code of the stop, 0 if none")                              \
-    FIELD(stop_joint, 0, "-", "joint index of the stop, -1 if none")                           \
-    FIELD(healthy_samples, 0, "samples", "healthy samples in a row")                           \
-    FIELD(last_torque, 1, "N m", "last torque that left the gate")                             \
-    FIELD(last_tick, 1, "-", "tick number of the last command used")                           \
-    FIELD(rate_excess_run, 1, "samples", "rate excesses in a row")                             \
-    FIELD(catch_up, 1, "samples", "samples left to reach the law after activation or reset")   \
-    FIELD(saturated_samples, 1, "samples", "samples limited in size since the start")          \
+#define HD_GATE_STATE(FIELD)                                                                 \
+    FIELD(active, 0, "-", "1: torque may leave")                                             \
+    FIELD(stopped, 0, "-", "1: latched stop, torque ramps to zero")                          \
+    FIELD(brake_requested, 0, "-", "1 from the sample of the stop until the reset")          \
+    FIELD(stop_code, 0, "-", "fault code of the stop, 0 if none")                            \
+    FIELD(stop_joint, 0, "-", "joint index of the stop, -1 if none")                         \
+    FIELD(healthy_samples, 0, "samples", "healthy samples in a row")                         \
+    FIELD(last_torque, 1, "N m", "last torque that left the gate")                           \
+    FIELD(last_tick, 1, "-", "tick number of the last command used")                         \
+    FIELD(rate_excess_run, 1, "samples", "rate excesses in a row")                           \
+    FIELD(catch_up, 1, "samples", "samples left to reach the law after activation or reset") \
+    FIELD(saturated_samples, 1, "samples", "samples limited in size since the start")        \
     FIELD(rate_limited_samples, 1, "samples", "samples limited in rate since the start")
 
 HD_BLOCK(GateLimits, HD_GATE_LIMITS)
@@ -37,7 +37,14 @@ constexpr double kLargestTick = 9007199254740992.0;  // 2^53: above it, ticks ar
 constexpr int kFaultFields = 5;                      // code, joint, value, limit, action
 constexpr int kFaultsPerJoint = 6;
 
-enum GateFault { kStampStuck = 2, kNotFinite = 4, kNodeKilled = 18, kTorqueLimited = 37, kRateLimited = 38, kRatePersistent = 39 };
+enum GateFault {
+    kStampStuck = 2,
+    kNotFinite = 4,
+    kNodeKilled = 18,
+    kTorqueLimited = 37,
+    kRateLimited = 38,
+    kRatePersistent = 39
+};
 enum GateAction { kReport = 1, kTorqueRamp = 4 };
 
 struct GateFaults {

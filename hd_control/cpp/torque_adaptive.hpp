@@ -38,7 +38,9 @@ struct TorqueStep {
     const double T;
     TorqueMemory m;
 
-    double D(double x, double& last, double& rate) const { return differentiate(x, last, rate, p.derivative_pole[0], T); }
+    double D(double x, double& last, double& rate) const {
+        return differentiate(x, last, rate, p.derivative_pole[0], T);
+    }
 
     // First sample: every filter sees a past equal to the present, so all rates start at zero.
     void start() {
@@ -113,7 +115,8 @@ struct TorqueStep {
         out.kinematic_error_rate[j] = N * ke.slope * v;
         out.kinematic_error_acceleration[j] = N * N * ke.curvature * v * v + N * ke.slope * a;
         out.desired_motor_position[j] = in.joint_position[j] + out.desired_torsion[j] - out.kinematic_error[j];
-        out.desired_motor_velocity[j] = out.joint_velocity[j] + out.desired_torsion_rate[j] - out.kinematic_error_rate[j];
+        out.desired_motor_velocity[j] =
+            out.joint_velocity[j] + out.desired_torsion_rate[j] - out.kinematic_error_rate[j];
         out.desired_motor_acceleration[j] =
             out.joint_acceleration[j] + out.desired_torsion_acceleration[j] - out.kinematic_error_acceleration[j];
     }
@@ -124,7 +127,8 @@ struct TorqueStep {
         out.motor_velocity_error[j] = out.desired_motor_velocity[j] - out.motor_velocity[j];
         out.joint_torque_error[j] = ref.joint_torque_required[j] - in.joint_torque[j];
         const double torque_error_rate = out.required_torque_rate[j] - out.joint_torque_rate[j];
-        out.required_motor_velocity[j] = out.desired_motor_velocity[j] + p.motor_position_gain[j] * out.motor_position_error[j] +
+        out.required_motor_velocity[j] = out.desired_motor_velocity[j] +
+                                         p.motor_position_gain[j] * out.motor_position_error[j] +
                                          p.torque_rate_gain[j] * out.joint_torque_error[j];
         out.required_motor_acceleration[j] = out.desired_motor_acceleration[j] +
                                              p.motor_position_gain[j] * out.motor_velocity_error[j] +
@@ -135,7 +139,8 @@ struct TorqueStep {
     // 4. Zhu (9), (10): the motor torque as a sum of terms, then the limit of the drive.
     void torque() {
         const double v = out.required_motor_velocity[j], tau = in.joint_torque[j], load = std::fabs(tau);
-        out.friction_load_factor[j] = 1.0 + p.load_friction_linear[j] * load + p.load_friction_quadratic[j] * load * load;
+        out.friction_load_factor[j] =
+            1.0 + p.load_friction_linear[j] * load + p.load_friction_quadratic[j] * load * load;
         out.inertia_torque[j] = p.rotor_inertia[j] * out.required_motor_acceleration[j];
         out.coulomb_feedforward[j] = out.friction_load_factor[j] * sign(v) * m.coulomb_torque;
         out.offset_feedforward[j] = m.friction_offset;
@@ -154,8 +159,9 @@ struct TorqueStep {
     void adapt() {
         const double v = out.required_motor_velocity[j], s = out.velocity_error[j];
         out.coulomb_torque_drive[j] = s * out.friction_load_factor[j] * sign(v);
-        out.compliance_drive[j] = -(1.0 + p.torque_gain[j]) * ref.joint_torque_required[j] *
-                                  (out.motor_velocity_error[j] + p.motor_position_gain[j] * out.motor_position_error[j]);
+        out.compliance_drive[j] =
+            -(1.0 + p.torque_gain[j]) * ref.joint_torque_required[j] *
+            (out.motor_velocity_error[j] + p.motor_position_gain[j] * out.motor_position_error[j]);
         const double f = p.adapt_friction[0] != 0.0 ? 1.0 : 0.0, c = p.adapt_compliance[0] != 0.0 ? 1.0 : 0.0;
         m.coulomb_torque = project(m.coulomb_torque, f * out.coulomb_torque_drive[j], p.adaptation_gain_coulomb[j],
                                    p.coulomb_torque_low[j], p.coulomb_torque_high[j], T);
@@ -165,8 +171,9 @@ struct TorqueStep {
                                      p.viscous_low[j], p.viscous_high[j], T);
         m.viscous_negative = project(m.viscous_negative, f * s * (v < 0.0 ? v : 0.0), p.adaptation_gain_viscous[j],
                                      p.viscous_low[j], p.viscous_high[j], T);
-        m.torsional_compliance = project(m.torsional_compliance, c * out.compliance_drive[j], p.adaptation_gain_compliance[j],
-                                         p.torsional_compliance_low[j], p.torsional_compliance_high[j], T);
+        m.torsional_compliance =
+            project(m.torsional_compliance, c * out.compliance_drive[j], p.adaptation_gain_compliance[j],
+                    p.torsional_compliance_low[j], p.torsional_compliance_high[j], T);
     }
 
     // Not a number stays what it is: the safety gate must see it.

@@ -1,6 +1,6 @@
 // Python face of the fusion law, the torque law and the safety gate: hd_control._torque.
-#include <pybind11/pybind11.h>
 #include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
 #include <cstring>
@@ -50,8 +50,8 @@ Block continues(const Array& before, Array& after, int joints) {
     return Block(to, joints);
 }
 
-void fusion_step(const Array& params, const Array& state, const Array& sample, Array output, Array new_state, int joints,
-                 double dt) {
+void fusion_step(const Array& params, const Array& state, const Array& sample, Array output, Array new_state,
+                 int joints, double dt) {
     auto p = reads<hd::FusionParams>(params, joints, "params");
     auto in = reads<hd::FusionSample>(sample, joints, "sample");
     auto out = writes<hd::FusionOutput>(output, joints, "output");
@@ -83,7 +83,8 @@ int gate_step(const Array& command, const Array& ages, const Array& ticks, const
 
 py::list listed(const std::vector<hd::Field>& fields) {
     py::list rows;
-    for (const hd::Field& field : fields) rows.append(py::make_tuple(field.name, field.per_joint, field.unit, field.meaning));
+    for (const hd::Field& field : fields)
+        rows.append(py::make_tuple(field.name, field.per_joint, field.unit, field.meaning));
     return rows;
 }
 

@@ -23,11 +23,18 @@ ESTIMATES = ("coulomb_torque", "friction_offset", "viscous_positive", "viscous_n
 
 
 ZHU = {
-    "law": "adaptive", "compliance_derivative": "stiffness_only", "rate_source": "plain", "kinematic_feedforward": False,
-    "adapt_friction": True, "adapt_compliance": True, "adaptation_scale": 1.0,
-    "coulomb_torque_initial": [0.0] * 7, "friction_offset_initial": [0.0] * 7,
-    "viscous_positive_initial": [0.0] * 7, "viscous_negative_initial": [0.0] * 7,
-}  # fmt: skip
+    "law": "adaptive",
+    "compliance_derivative": "stiffness_only",
+    "rate_source": "plain",
+    "kinematic_feedforward": False,
+    "adapt_friction": True,
+    "adapt_compliance": True,
+    "adaptation_scale": 1.0,
+    "coulomb_torque_initial": [0.0] * 7,
+    "friction_offset_initial": [0.0] * 7,
+    "viscous_positive_initial": [0.0] * 7,
+    "viscous_negative_initial": [0.0] * 7,
+}
 
 
 def zhu(**changes):
