@@ -11,6 +11,7 @@ Leaving the block stops every process, also on Ctrl-C. Must be entered from a th
 
 from __future__ import annotations
 
+import math
 import tempfile
 import time
 from collections.abc import Callable, Mapping
@@ -162,6 +163,17 @@ class Session:
     def diagnostics(self, node: str) -> dict[str, str]:
         """The newest diagnostics of a node as texts, with `level` and `message`; empty before the first."""
         return dict(self.client.diagnostics.get(self._path(node), {}))
+
+    def stay(self, ticks: int = 0) -> None:
+        """Returns after `ticks` more ticks of the plant; 0: never. Raises HdError if a node ends."""
+        first: int | None = None
+
+        def done() -> bool:
+            nonlocal first
+            first = self.tick() if first is None and self.tick() >= 0 else first
+            return ticks > 0 and first is not None and self.tick() - first >= ticks
+
+        self._wait(done, math.inf, "")
 
     def wait_for(self, condition: Callable[[], bool], timeout: float, what: str) -> None:
         """Waits for anything else. Raises HdError with `what` at the timeout."""
