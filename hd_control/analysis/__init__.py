@@ -1,0 +1,1 @@
+"""The workbench's arithmetic on recordings. Imports drive, record and core, nothing of the world."""
