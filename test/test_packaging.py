@@ -128,3 +128,25 @@ def test_an_install_finds_its_files(tmp_path: Path) -> None:
     wanted = {f"_{path.name.removesuffix('_module.cpp')}" for path in source.glob("hd_*/cpp/*_module.cpp")}
     assert compiled == wanted
     assert {path.name for path in (environment / "bin").iterdir()} >= {*NODES, "hd"}
+
+
+DOCUMENTS = ["README.md", "CONTRIBUTING.md", "docs/setup.md"]
+
+
+def test_documented_commands_exist() -> None:
+    from hd_control.cli.main import command_names
+
+    text = "\n".join((ROOT / name).read_text() for name in DOCUMENTS)
+    named = set(re.findall(r"^\./hd ([a-z]+)|`(?:\./)?hd ([a-z]+)", text, re.MULTILINE))
+    named = {one or other for one, other in named}
+    assert "test" in named
+    assert named - {"demo", "bench"} <= set(command_names()), "the documents name a command that does not exist"
+
+
+def test_the_entry_of_a_checkout_runs(tmp_path: Path) -> None:
+    """The README's cheap commands, from another folder, where ./hd made the environment."""
+    if not (ROOT / ".venv" / "hd-current").exists():
+        pytest.skip("this environment was not made by ./hd")
+    for words, start in (["--version"], f"hd {hd_control.__version__}"), (["--help"], "usage: hd COMMAND"):
+        done = subprocess.run([str(ROOT / "hd"), *words], cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode == 0 and done.stdout.startswith(start), done.stderr
