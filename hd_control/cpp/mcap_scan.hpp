@@ -1,8 +1,8 @@
 // Walks the records of an MCAP file, or of one uncompressed chunk, in a memory buffer.
 //
 // A record is: opcode (1 byte), length (8 bytes, little-endian), content. A message's content is: channel (2), sequence
-// (4), log time (8), publish time (8), payload. Nothing is read outside [data, data + size); the walk stops at the first
-// record that does not fit and says where and why. No allocation depends on a length found in the file.
+// (4), log time (8), publish time (8), payload. Nothing is read outside [data, data + size); the walk stops at the
+// first record that does not fit and says where and why. No allocation depends on a length found in the file.
 #pragma once
 
 #include <cstddef>
@@ -27,10 +27,10 @@ struct McapScan {
     std::vector<std::uint8_t> other_opcode;
     std::vector<std::int64_t> other_offset;  // of the content
     std::vector<std::int64_t> other_length;
-    std::size_t stop = 0;            // first byte that was not understood or not visited
-    const char* reason = "";         // why it stopped; empty at the end of the buffer
-    bool footer = false;             // stopped behind a footer record
-    bool limit = false;              // stopped because max_messages were found; more may follow
+    std::size_t stop = 0;     // first byte that was not understood or not visited
+    const char* reason = "";  // why it stopped; empty at the end of the buffer
+    bool footer = false;      // stopped behind a footer record
+    bool limit = false;       // stopped because max_messages were found; more may follow
 };
 
 template <class Number>

@@ -13,7 +13,8 @@ struct Bytes {
     const std::uint8_t* data;
     std::size_t size;
     explicit Bytes(const py::buffer& buffer)
-        : info(buffer.request()), data(static_cast<const std::uint8_t*>(info.ptr)),
+        : info(buffer.request()),
+          data(static_cast<const std::uint8_t*>(info.ptr)),
           size(static_cast<std::size_t>(info.size) * static_cast<std::size_t>(info.itemsize)) {
         if (info.ndim != 1 || (info.size > 0 && info.strides[0] != info.itemsize))
             throw py::value_error("expected contiguous bytes");
@@ -51,8 +52,8 @@ py::dict scan(const py::buffer& buffer, std::size_t start, std::uint64_t record_
 
 using Offsets = py::array_t<std::int64_t, py::array::c_style | py::array::forcecast>;
 
-py::array_t<bool> match(const py::buffer& buffer, const Offsets& offsets, const Offsets& lengths, const py::bytes& fixed,
-                        const py::bytes& mask, std::int64_t surplus) {
+py::array_t<bool> match(const py::buffer& buffer, const Offsets& offsets, const Offsets& lengths,
+                        const py::bytes& fixed, const py::bytes& mask, std::int64_t surplus) {
     const Bytes bytes(buffer);
     const std::string fixed_text = fixed, mask_text = mask;
     if (offsets.size() != lengths.size() || fixed_text.size() != mask_text.size())
@@ -86,11 +87,13 @@ py::array_t<std::uint8_t> take(const py::buffer& buffer, const Offsets& offsets,
 }  // namespace
 
 PYBIND11_MODULE(_records, module) {
-    module.doc() = "Finds messages in MCAP bytes and takes fixed fields out of many of them; never reads outside the buffer.";
-    module.def("scan", &scan, py::arg("buffer"), py::arg("start"), py::arg("record_cap"), py::arg("max_messages"),
-               "Records from byte `start` on: arrays of the messages and of the other records, and where and why it stopped.");
-    module.def("match", &match, py::arg("buffer"), py::arg("offsets"), py::arg("lengths"), py::arg("fixed"), py::arg("mask"),
-               py::arg("surplus"), "(n,) True where the payload has the fixed bytes of a layout.");
+    module.doc() =
+        "Finds messages in MCAP bytes and takes fixed fields out of many of them; never reads outside the buffer.";
+    module.def(
+        "scan", &scan, py::arg("buffer"), py::arg("start"), py::arg("record_cap"), py::arg("max_messages"),
+        "Records from byte `start` on: arrays of the messages and of the other records, and where and why it stopped.");
+    module.def("match", &match, py::arg("buffer"), py::arg("offsets"), py::arg("lengths"), py::arg("fixed"),
+               py::arg("mask"), py::arg("surplus"), "(n,) True where the payload has the fixed bytes of a layout.");
     module.def("take", &take, py::arg("buffer"), py::arg("offsets"), py::arg("at"), py::arg("width"),
                "(n, width) bytes at `at` within each payload. Raises IndexError rather than read outside the buffer.");
 }
