@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio
 import pytest
 from chains import shipped_values
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from oracles.trajectory_dense import DenseGoal
 
@@ -233,9 +233,11 @@ def test_feasible_goals_are_accepted_and_infeasible_ones_refused(seed, order, fi
     goal = _random_goal(random, order, first)
     goal = replace(goal, positions=goal.positions + present.position - Q0)
     low, high, speed, acceleration = _dense_extremes(goal, present, follower.blend_time)
-    middle, half = 0.5 * (low + high), 0.5 * (high - low) + 1e-6
-    widths = [half * 1.1, half * 1.1, speed * 1.1 + 1e-6, acceleration * 1.1 + 1e-6]
-    widths[kind][joint] *= slack / 1.1
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    exact = (half, half, speed, acceleration)[kind][joint]
+    assume(exact > 1e-4)  # so that a slack of 0.0005 is far above the allowance for rounding
+    widths = [1.1 * extent + 1e-6 for extent in (half, half, speed, acceleration)]
+    widths[kind][joint] = slack * exact
     limits = replace(
         LIMITS,
         position_low=middle - widths[0],

@@ -84,7 +84,8 @@ class DenseGoal:
             t = np.linspace(0.0, T, samples)
             q, v, a = (part[d](t) for d in range(3))
             if self.fade is not None:
-                t = np.sort(np.append(t, np.clip(self.fade_end - self.times[i], 0.0, T)))
+                fading = np.linspace(0.0, np.clip(self.fade_end - self.times[i], 0.0, T), samples)
+                t = np.sort(np.append(t, fading))
                 late = t + self.times[i] >= self.fade_end
                 q, v, a = (part[d](t) + np.where(late, 0.0, self.fade[d](t + self.times[i])) for d in range(3))
             low, high = min(low, q.min()), max(high, q.max())
