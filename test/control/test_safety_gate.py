@@ -2,6 +2,8 @@
 
 import dataclasses
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -81,7 +83,7 @@ def same_faults(a, b):
     return [bits(f) for f in a] == [bits(f) for f in b]
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(states(), inputs)
 def test_compiled_twin_has_the_same_bits(state, case):
     command, ages, ticks = case
@@ -90,7 +92,7 @@ def test_compiled_twin_has_the_same_bits(state, case):
     assert same(out_a, out_b) and same(state_a.array, state_b.array) and same_faults(faults_a, faults_b)
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(states(), inputs)
 def test_no_unsafe_torque_for_any_number_and_any_state(state, case):
     """P1. The reference of the rate is the last torque cut to the limits; a torque above the limits is no reference."""
@@ -106,7 +108,7 @@ def test_no_unsafe_torque_for_any_number_and_any_state(state, case):
     assert same(out, new.last_torque)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(states(), inputs)
 def test_the_gate_applied_twice_is_the_gate_applied_once(state, case):
     """gate(gate(x)) = gate(x): what may leave passes unchanged."""
@@ -279,7 +281,7 @@ def test_random_service_calls_never_let_a_stop_end_without_reset():
     """P4 in small: any order of sending, corrupting, closing, opening and resetting."""
     rng = np.random.default_rng(11)
     state, bounds, tick, stops, resets = opened(), limits(), 0.0, 0, 0
-    for _ in range(5000):
+    for _ in range(2500):
         before, tick = state, tick + 1.0
         action = rng.choice(["send"] * 40 + ["nan", "old", "close", "open", "reset"])
         measured = sg.new_measured(N)
@@ -302,7 +304,7 @@ def test_random_service_calls_never_let_a_stop_end_without_reset():
         if before.stopped == 1.0 and not granted:
             assert state.stopped == 1.0
         stops += before.stopped == 0.0 and state.stopped == 1.0
-    assert stops > 20 and resets > 10, "the walk must stop and reset often, or it shows nothing"
+    assert stops > 10 and resets > 5, "the walk must stop and reset often, or it shows nothing"
 
 
 def test_shipped_limits_and_their_refusals():
@@ -328,6 +330,14 @@ def test_the_oracle_sees_what_it_should():
     assert judge([0.5], [0.0], limit, step, ages=[10], age_limit=10, ticks=[3], used=[2]) == [("f", 0)]
     assert judge([0.5], [0.0], limit, step, ages=[9], age_limit=10, ticks=[3], used=[3]) == [("f", 0)]
     assert judge([0.5], [0.0], limit, step, ages=[9], age_limit=10, ticks=[3], used=[2]) == []
+
+
+def test_no_comparison_lets_a_nan_through():
+    """`x < low or x > high` and `max(min(x, high), low)` are false for NaN; gate code may not use them."""
+    for path in (Path(sg.__file__), Path(gate_limits.__file__)):
+        text = path.read_text()
+        assert not re.search(r"\bm(ax|in)\(|np\.(clip|maximum|minimum)\(", text), path
+        assert not re.search(r"if [^\n]*[<>][^\n]* or [^\n]*[<>]", text), path
 
 
 def test_faults_from_the_compiled_form_are_the_same_type():
