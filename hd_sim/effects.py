@@ -115,6 +115,8 @@ def load_dependent_friction(drive: Drive, size: Mapping[str, Any], strength: flo
 
 @_effect
 def stribeck_friction(drive: Drive, size: Mapping[str, Any], strength: float, rng: np.random.Generator) -> None:
+    if drive.get("coulomb_torque") == 0.0:
+        raise ConfigError("stribeck_friction: the joint has no Coulomb friction that could rise at low speed")
     drive.add(stribeck_ratio=strength * size["share"] * drive.rated / drive.get("coulomb_torque"))
     drive.set(stribeck_velocity=rng.uniform(size["velocity_low"], size["velocity_high"]))
 

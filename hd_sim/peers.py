@@ -61,7 +61,7 @@ def mujoco_peer(config: PlantConfig, substeps_per_ms: int) -> Advance:
         import mujoco
     except ImportError:
         raise ConfigError("the mujoco package is not installed; pip install mujoco") from None
-    model = mujoco.MjModel.from_xml_string(_mjcf(config, 1e-3 / substeps_per_ms))
+    model = mujoco.MjModel.from_xml_string(arm_as_mjcf(config, 1e-3 / substeps_per_ms))
     data = mujoco.MjData(model)
     data.qpos[::2] = config.start_position
 
@@ -76,7 +76,7 @@ def _text(values: Any) -> str:
     return " ".join(f"{float(value):.17g}" for value in np.ravel(values))
 
 
-def _mjcf(config: PlantConfig, timestep: float) -> str:
+def arm_as_mjcf(config: PlantConfig, timestep: float) -> str:
     """The arm as MJCF: body j carries the hinges `motor` (rotor) and `link` (torsion of the flexspline)."""
     robot, p = config.robot, config.drives
     opening, closing, actuators = "", "", ""

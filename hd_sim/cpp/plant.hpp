@@ -18,6 +18,11 @@ struct Options {
     std::uint64_t keys[STREAMS] = {};
 };
 
+// The transmission of one joint at the end of a step, from the constitutive law.
+struct Transmitted {
+    double torque, torsion, hysteresis, kinematic, slope;
+};
+
 // The face that Python sees, whatever the number of joints.
 class World {
   public:
@@ -104,7 +109,7 @@ class Plant final : public World {
     void solve_links();
     void finish();
     void account(int j, double v, double v_end, double w, double w_end);
-    double end_torque(int j, double* torsion, double* hysteresis, double* kinematic) const;
+    Transmitted at_end(int j) const;
     double time() const { return s_.tick[0][0] * o_.dt * o_.substeps; }
     int slot(int ticks_ago) const {
         return (static_cast<int>(s_.tick[0][0]) + 64 * DELAY_TICKS - ticks_ago) % DELAY_TICKS;

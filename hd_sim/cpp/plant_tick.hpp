@@ -82,7 +82,7 @@ void Plant<N>::end_tick() {
 
 // Flexspline torque at the end of the step from the constitutive law; the hysteresis is advanced but not stored.
 template <int N>
-double Plant<N>::end_torque(int j, double* torsion, double* hysteresis, double* kinematic) const {
+Transmitted Plant<N>::at_end(int j) const {
     const double phi = s_.motor_position[0][j], v = s_.motor_velocity[0][j], ratio = p_.gear_ratio[0][j];
     Work<P> at;
     at.kinematic[j] = at.kinematic_slope[j] = 0.0;
@@ -93,7 +93,7 @@ double Plant<N>::end_torque(int j, double* torsion, double* hysteresis, double* 
         at.kinematic[j] += a * cosine + b * sine;
         at.kinematic_slope[j] += ratio * n * (b * cosine - a * sine);
     }
-    *kinematic = at.kinematic[j];
+    const double harmonics = at.kinematic[j];
     at.phi[j] = phi;
     at.q[j] = s_.joint_position[0][j];
     if (effects_.kinematics[j]) shape_kinematics(p_, s_, at, j);
@@ -103,16 +103,15 @@ double Plant<N>::end_torque(int j, double* torsion, double* hysteresis, double* 
         limit + (s_.hysteresis_torque[0][j] - limit) * exp_negative(-p_.hysteresis_rate[0][j] * std::fabs(step));
     double next[4];
     const double slip = slip_elements(p_, s_, j, step, next).torque;
-    *torsion = delta;
-    *hysteresis = h + slip;
-    const double rate = (1.0 + at.kinematic_slope[j]) * v - s_.joint_velocity[0][j];
-    return elastic(p_, j, delta).torque + h + slip + p_.torsional_damping[0][j] * rate;
+    const double Y = 1.0 + at.kinematic_slope[j], rate = Y * v - s_.joint_velocity[0][j];
+    const double torque = elastic(p_, j, delta).torque + h + slip + p_.torsional_damping[0][j] * rate;
+    return {torque, delta, h + slip, harmonics, Y};
 }
 
 template <int N>
 void Plant<N>::sample(double* flat) {
-    double torque[N], unused[3];
-    for (int j = 0; j < N; ++j) torque[j] = end_torque(j, unused, unused + 1, unused + 2);
+    double torque[N];
+    for (int j = 0; j < N; ++j) torque[j] = at_end(j).torque;
     PlantSample out(flat, N);
     read_sensors<N>(p_, s_, o_.keys, torque, slot(o_.reported_delay), time(), out);
 }
@@ -127,7 +126,11 @@ void Plant<N>::truth(double* flat) {
         out.joint_position[j] = s_.joint_position[0][j];
         out.joint_velocity[j] = s_.joint_velocity[0][j];
         out.joint_acceleration[j] = s_.joint_acceleration[0][j];
-        out.joint_torque[j] = end_torque(j, out.torsion + j, out.hysteresis_torque + j, out.kinematic_error + j);
+        const Transmitted end = at_end(j);
+        out.joint_torque[j] = end.torque;
+        out.torsion[j] = end.torsion;
+        out.hysteresis_torque[j] = end.hysteresis;
+        out.kinematic_error[j] = end.kinematic;
         out.motor_torque[j] = t_.torque_gain[j] * s_.current_torque[0][j];
         out.friction_torque[j] = s_.friction_torque[0][j];
         out.temperature[j] = s_.temperature[0][j];
@@ -145,20 +148,21 @@ void Plant<N>::start(const double* pose, const double* torque, bool motor_side) 
             (elastic(p_, j, middle).torque < torque[j] ? low : high) = middle;
         }
         const double delta = std::fabs(torque[j]) > 0.0 ? 0.5 * (low + high) : 0.0;
-        double phi = motor_side ? pose[j] : pose[j] + delta, torsion, hysteresis, kinematic;
+        double phi = motor_side ? pose[j] : pose[j] + delta, Y = 1.0;
         s_.joint_position[0][j] = pose[j];
+        s_.joint_torque[0][j] = s_.gauge_filtered[0][j] = torque[j];
         for (int i = 0; i < 60; ++i) {  // phi + KE(N phi) = q + delta, damped fixed point
             s_.motor_position[0][j] = phi;
-            end_torque(j, &torsion, &hysteresis, &kinematic);
+            const Transmitted now = at_end(j);
+            Y = now.slope;
             if (motor_side) {
-                s_.joint_position[0][j] += torsion - delta;
+                s_.joint_position[0][j] += now.torsion - delta;
             } else {
-                phi += 0.5 * (delta - torsion);
+                phi += 0.5 * (delta - now.torsion);
             }
         }
         s_.torsion[0][j] = delta;
-        s_.joint_torque[0][j] = s_.gauge_filtered[0][j] = torque[j];
-        s_.current_torque[0][j] = torque[j] + p_.friction_offset[0][j];
+        s_.current_torque[0][j] = Y * torque[j] + p_.friction_offset[0][j];
         s_.resonance_position[0][j] = s_.joint_position[0][j];
         s_.temperature[0][j] = p_.ambient_temperature[0][j];
         for (int i = 0; i < DELAY_TICKS; ++i) s_.commands[i][j] = s_.current_torque[0][j];

@@ -166,6 +166,11 @@ def test_unknown_names_joints_and_strengths_are_refused():
             apply_hidden(config, [effect], 0)
 
 
+def test_stribeck_needs_coulomb_friction():
+    with pytest.raises(ConfigError, match="no Coulomb friction"):
+        apply_hidden(flywheel(), [HiddenEffect(0, "stribeck_friction")], 0)
+
+
 def test_truth_says_what_changed_and_the_seal_keeps_it(tmp_path):
     config = nominal(PlantConfig.from_file("arm_a"))
     truth = truth_of(config, [HiddenEffect(2, "backlash", 0.5), HiddenEffect("joint_1", "cable_torque")], seed=3)
