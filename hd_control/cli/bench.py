@@ -1,0 +1,75 @@
+"""`hd bench`: speed of every hot path, beside peers measured in the same run."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from hd_control.bench.measure import Result
+
+NAME = "bench"
+HELP = "speed of every hot path, beside peers"
+EXAMPLE = "hd bench --only plant laws --runs 20"
+GROUPS = ("plant", "laws", "runner", "records", "start", "lockstep", "ring")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the command."""
+    parser.add_argument("--only", nargs="+", choices=GROUPS, default=list(GROUPS), help="groups to run [all]")
+    parser.add_argument("--runs", type=int, default=15, help="runs of each short measurement [15]")
+    parser.add_argument("--seconds", type=float, default=10.0, help="length of each live run [10]")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Measures and prints the table."""
+    from hd_control.bench.measure import machine
+    from hd_control.cli.options import say, write_json
+    from hd_control.core.errors import ConfigError
+
+    if arguments.runs < 1 or not arguments.seconds > 0.0:
+        raise ConfigError(f"--runs {arguments.runs}, --seconds {arguments.seconds:g}: both must be positive")
+    about = machine()
+    say(arguments, "machine: " + ", ".join(f"{key} {value}" for key, value in about.items()))
+    results, notes = [], list[str]()
+    for rows, remarks in _measure(arguments):
+        results += rows
+        notes += remarks
+        for line in lines(rows):
+            say(arguments, line)
+    for note in notes:
+        say(arguments, f"note: {note}")
+    document = {"schema": "hd.bench/1", "machine": about, "results": [row.as_json() for row in results], "notes": notes}
+    write_json(arguments, document)
+    return 0
+
+
+def _measure(arguments: argparse.Namespace) -> Iterator[tuple[list[Result], list[str]]]:
+    from hd_control.bench import graph, laws, records, world
+
+    runs = arguments.runs
+    few = max(1, runs // 5)
+    groups: dict[str, Callable[[], tuple[list[Result], list[str]]]] = {
+        "plant": lambda: world.plant_rows(runs),
+        "laws": lambda: (laws.law_rows(runs), []),
+        "runner": lambda: (laws.lockstep_row(few), []),
+        "records": lambda: (records.decode_rows(few), []),
+        "start": lambda: (graph.start_rows(runs), []),
+        "lockstep": lambda: (graph.lockstep_rows(few), []),
+        "ring": lambda: (graph.ring_rows(few, arguments.seconds), []),
+    }
+    for name in GROUPS:
+        if name in arguments.only:
+            yield groups[name]()
+
+
+def lines(rows: list[Result]) -> Iterator[str]:
+    """Rows as text: median, minimum, 99th percentile, and for a peer how many times slower than ours it is."""
+    ours = {row.name: row.median for row in rows if row.peer is None}
+    for row in rows:
+        label = row.name if row.peer is None else f"  {row.peer}"
+        ratio = ""
+        if row.peer is not None and ours.get(row.name) and row.median:
+            ratio = f"   {row.median / ours[row.name]:.3g} x"
+        yield f"{label:26}{row.median:12.4g}{row.min:12.4g}{row.p99:12.4g}  {row.unit}{ratio}"
