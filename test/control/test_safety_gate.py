@@ -189,6 +189,15 @@ class TestBothForms:
         assert out.tolist() == [25.0, 0.0, 0.0], "the ramp starts at once and does not cross zero"
         assert [(f.code, f.joint, f.action) for f in faults] == [(code, 1, Action.TORQUE_RAMP)]
 
+    def test_the_first_cause_keeps_its_name(self, gate):
+        """Two joints fail in one sample, a third later: the stop is called by the first."""
+        _, state, faults = send(
+            gate, [0.0, math.nan, 0.0], opened(tick=7.0), ages=[0.0, 0.0, 12.0], tick=[8.0, 8.0, 8.0]
+        )
+        assert [f.code for f in faults] == [FaultCode.NOT_FINITE, FaultCode.NODE_KILLED]
+        _, state, _ = send(gate, [math.inf, 0.0, 0.0], state)
+        assert (state.stop_code, state.stop_joint) == (FaultCode.NOT_FINITE, 1)
+
     def test_an_age_of_nine_samples_is_fine(self, gate):
         out, new, faults = send(gate, [1.0, 1.0, 0.1], opened(), ages=9.0)
         assert new.stopped == 0.0 and faults == [] and out[0] == 1.0
