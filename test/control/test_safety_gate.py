@@ -198,6 +198,12 @@ class TestBothForms:
         _, state, _ = send(gate, [math.inf, 0.0, 0.0], state)
         assert (state.stop_code, state.stop_joint) == (FaultCode.NOT_FINITE, 1)
 
+    def test_a_tick_is_used_once(self, gate):
+        _, state, _ = send(gate, 0.0, opened(tick=7.0), tick=8.0)
+        assert state.stopped == 0.0 and state.last_tick.tolist() == [8.0, 8.0, 8.0]
+        _, state, faults = send(gate, 0.0, state, tick=[9.0, 9.0, 8.0])
+        assert state.stop_code == FaultCode.STAMP_STUCK and [f.joint for f in faults] == [2]
+
     def test_an_age_of_nine_samples_is_fine(self, gate):
         out, new, faults = send(gate, [1.0, 1.0, 0.1], opened(), ages=9.0)
         assert new.stopped == 0.0 and faults == [] and out[0] == 1.0
