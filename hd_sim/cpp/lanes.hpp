@@ -12,10 +12,10 @@
 namespace hd_sim {
 
 using Pair = double __attribute__((vector_size(16)));
-using PairBits = std::int64_t __attribute__((vector_size(16)));
+using PairBits = std::uint64_t __attribute__((vector_size(16)));
 
 template <class V>
-using BitsOf = std::conditional_t<std::is_same_v<V, double>, std::int64_t, PairBits>;
+using BitsOf = std::conditional_t<std::is_same_v<V, double>, std::uint64_t, PairBits>;
 
 // How `N` joints are laid out: V is the vector type, `padded` the length of every array.
 template <int N>
@@ -64,16 +64,16 @@ inline V choose(const BitsOf<V>& mask, const V& a, const V& b) {
 template <class V>
 inline BitsOf<V> below(const V& a, const V& b) {  // a < b
     if constexpr (std::is_same_v<V, double>) {
-        return a < b ? -1 : 0;
+        return a < b ? ~std::uint64_t{0} : std::uint64_t{0};
     } else {
-        return a < b;
+        return reinterpret_cast<PairBits>(a < b);
     }
 }
 
 template <class V>
 inline V magnitude(const V& x) {
     using Bits = BitsOf<V>;
-    return bits_as<V>(static_cast<Bits>(bits_as<Bits>(x) & static_cast<std::int64_t>(0x7fffffffffffffffLL)));
+    return bits_as<V>(static_cast<Bits>(bits_as<Bits>(x) & std::uint64_t{0x7fffffffffffffff}));
 }
 
 constexpr double ROUND = 6755399441055744.0;  // 1.5 * 2^52: adding it rounds to a whole number in the low bits
@@ -101,7 +101,7 @@ inline void sin_cos(const V& x, V& sine, V& cosine) {
                           z * (2.48015872894767294178e-05 +
                                z * (-2.75573143513906633035e-07 +
                                     z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11)))));
-    const Bits odd = -(quadrant & 1);
+    const Bits odd = ~(quadrant & 1) + 1;  // all ones if odd
     const V sine_here = choose(odd, c, s), cosine_here = choose(odd, s, c);
     sine = bits_as<V>(static_cast<Bits>(bits_as<Bits>(sine_here) ^ ((quadrant & 2) << 62)));
     cosine = bits_as<V>(static_cast<Bits>(bits_as<Bits>(cosine_here) ^ (((quadrant + 1) & 2) << 62)));
