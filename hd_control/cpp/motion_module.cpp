@@ -152,7 +152,9 @@ py::list field_list() {
 }
 
 Spline spline_of(const Array& knots, const Array& coefficients, int joints) {
-    const std::size_t segments = static_cast<std::size_t>(std::max<py::ssize_t>(knots.size(), 1)) - 1;
+    check_joints(joints);
+    if (knots.size() < 1) throw std::invalid_argument("knots: at least one");
+    const std::size_t segments = static_cast<std::size_t>(knots.size()) - 1;
     const double* c = numbers(coefficients, 6 * segments * static_cast<std::size_t>(joints), "coefficients");
     return {joints, segments, knots.data(), c};
 }
@@ -173,6 +175,8 @@ PYBIND11_MODULE(_motion, module) {
     module.def("parameter_drive", &drive);
     module.def("spline_coefficients", [](int order, const Array& knots, double dt, const Array& q, const Array& v,
                                          const Array& a, int joints) {
+        check_joints(joints);
+        if (knots.size() < 1) throw std::invalid_argument("knots: at least one");
         const std::size_t points = static_cast<std::size_t>(knots.size()), size = points * joints;
         Array found({static_cast<py::ssize_t>(points) - 1, static_cast<py::ssize_t>(joints), py::ssize_t{6}});
         hermite(order, points, joints, knots.data(), dt, numbers(q, size, "positions"),
@@ -183,7 +187,9 @@ PYBIND11_MODULE(_motion, module) {
     module.def("spline_evaluate", [](const Array& knots, const Array& coefficients, double tick, double dt,
                                      std::size_t cursor, Array out, int joints) {
         double* result = numbers(out, 3 * static_cast<std::size_t>(joints), "out");
-        return evaluate(spline_of(knots, coefficients, joints), tick, dt, cursor, result);
+        const Spline spline = spline_of(knots, coefficients, joints);
+        if (spline.segments == 0) throw std::invalid_argument("knots: no segment to evaluate");
+        return evaluate(spline, tick, dt, cursor, result);
     });
     module.def("spline_extrema", [](const Array& knots, const Array& coefficients, double dt, int joints) {
         const Spline spline = spline_of(knots, coefficients, joints);

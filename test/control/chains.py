@@ -19,6 +19,11 @@ def shipped_values() -> dict:
     return load_params_file(CONFIG, "motion_node")
 
 
+def paper_values() -> dict:
+    """The same with Zhu's own choices, whatever the shipped file prefers: plain rates, adapting links."""
+    return {**shipped_values(), "law": "vdc", "rate_source": "plain", "link_adaptation": True}
+
+
 def random_rotation(random: np.random.Generator) -> np.ndarray:
     q, r = np.linalg.qr(random.normal(size=(3, 3)))
     q = q * np.sign(np.diag(r))

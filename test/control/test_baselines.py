@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio
 import pytest
 import yaml
-from chains import CONFIG, shipped_values
+from chains import CONFIG, paper_values, shipped_values
 
 from hd_control.control import motion
 from hd_control.control.baselines import BASELINES, inverse_plant
@@ -18,7 +18,7 @@ Q0 = np.array([0.2, 0.5, -0.6, 1.0, -0.5, 0.4, 0.3])
 
 
 def _once(law, state=None, scale=1.0, **fields):
-    params = motion.configure({**shipped_values(), "law": law, "link_parameter_scale": [scale]}, ARM, DT)
+    params = motion.configure({**paper_values(), "law": law, "link_parameter_scale": [scale]}, ARM, DT)
     sample, reference = motion.new_sample(7), motion.new_reference(7)
     for name, value in fields.items():
         (sample if name.startswith("joint") else reference).view(name)[...] = value

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from chains import random_robot, shipped_values
+from chains import paper_values, random_robot
 from oracles.vdc_numpy import NumpyMotion
 
 from hd_control.control import motion
@@ -17,7 +17,7 @@ DT = 1e-3
 
 
 def _configured(robot=ARM, dt=DT, **changes):
-    values = {**shipped_values(), **changes}
+    values = {**paper_values(), **changes}
     if robot.joints != 7:
         cut = {n for n in motion.PARAMETERS.names if isinstance(values[n], list) and len(values[n]) == 7}
         values = {n: v[: robot.joints] if n in cut else v for n, v in values.items()}
@@ -167,7 +167,7 @@ def test_restart_keeps_what_was_learned():
 
 
 def test_values_are_matched_to_the_robot_by_name():
-    values = shipped_values()
+    values = paper_values()
     order = [3, 0, 6, 2, 1, 5, 4]
     scale = np.linspace(0.7, 1.3, 91)
     values["link_parameter_scale"] = scale.tolist()
