@@ -59,7 +59,7 @@ def coordinated_moves(start: FloatArray, distance: float, peak_velocity: float) 
 
 
 def constant_speed(start: FloatArray, speed: float, duration: float) -> Motion:
-    """2 s hold, 1 s quintic blend to `speed` rad/s, cruise, 1 s blend to rest; errors from 5 s to 4 s before the end."""
+    """2 s hold, 1 s blend to `speed` rad/s, cruise, 1 s blend to rest; errors from 5 s to 4 s before the end."""
     cruise = duration - 4.0
     ends = np.array([2.0, 3.0, 3.0 + cruise, 4.0 + cruise])
     travel = speed * np.array([0.0, 0.5, 0.5 + cruise, 1.0 + cruise])

@@ -1,4 +1,4 @@
-"""The whole robot in one process without ROS: world, fusion, motion, torque and gate in lock-step, faster than real time.
+"""The whole robot in one process without ROS: world, laws and gate in lock-step, faster than real time.
 
 The stages are those that the nodes run, called in the order in which their messages would arrive. So a run here and a
 lock-step run over ROS give the same torques, bit for bit.

@@ -44,24 +44,31 @@ def run(arguments: argparse.Namespace) -> int:
         output = Path("bags") / time.strftime("demo_%Y%m%d_%H%M%S")
     refuse_overwrite(output, arguments.force)
     window_ns, nodes, stopped = _live(arguments, output)
-    tracking, written = _read(output, window_ns)
+    whole, written = _read(output)
+    tracking, picture = whole.within(*window_ns), _draw(arguments, whole, output)
     missed = missed_percent(nodes)
-    for line in (*tracking_lines(tracking, window_ns), "", *node_lines(nodes), f"missed ticks: {missed:.2f} %", *written):
+    for line in (
+        *tracking_lines(tracking, window_ns),
+        "",
+        *node_lines(nodes),
+        f"missed ticks: {missed:.2f} %",
+        *written,
+    ):
         say(arguments, line)
     if stopped:
         say(arguments, f"the safety gate stopped the robot: {stopped}")
         if not arguments.lockstep:
             say(arguments, "on a busy machine try: hd demo --lockstep")
-    say(arguments, f"recording: {output}")
-    document: dict[str, Any] = {"schema": "hd.demo/1", "bag": str(output), "hidden_effects": [], "diagnosed": [], "ladder": {}}
-    document |= {"missed_ticks_percent": missed, "nodes": nodes, "stopped": stopped or None}
-    document |= {"tracking_before": tracking.maximum(), "tracking_after": None, "report": None}
+    say(arguments, f"recording: {output}\npicture:   {picture}")
+    document: dict[str, Any] = {"schema": "hd.demo/1", "bag": str(output), "stopped": stopped or None, "nodes": nodes}
+    document |= {"hidden_effects": [], "diagnosed": [], "ladder": {}, "missed_ticks_percent": missed}
+    document |= {"tracking_before": tracking.maximum(), "tracking_after": None, "report": str(picture)}
     write_json(arguments, {**document, "seconds": time.monotonic() - began})
     return 1 if stopped else 0
 
 
 def _live(arguments: argparse.Namespace, output: Path) -> tuple[tuple[int, int], dict[str, dict[str, str]], str]:
-    """The run on live nodes. Returns the stamps of the table's window, the nodes' diagnostics and the reason of a stop."""
+    """The run on live nodes. Returns the stamps of the table's window, diagnostics by node and the reason of a stop."""
     import random
 
     from hd_control.cli.options import say
@@ -87,11 +94,12 @@ def _live(arguments: argparse.Namespace, output: Path) -> tuple[tuple[int, int],
     say(arguments, f"starting {len(run_plan.processes())} nodes for {config.robot.name}")
     with Session(run_plan, domain=random.SystemRandom().randint(1, 100)) as session:
         session.activate()
-        say(arguments, f"{scenario.name}: {plan.ticks * config.period:.1f} s" + (" in lock-step" if arguments.lockstep else ""))
+        clock = " in lock-step" if arguments.lockstep else ""
+        say(arguments, f"{scenario.name}: {plan.ticks * config.period:.1f} s{clock}")
         shift = drive(session, plan, config.period, arguments.lockstep)
         nodes, stopped = _state(session)
     dt_ns = round(config.period * 1e9)
-    first, last = (round((time / config.period + shift)) * dt_ns for time in plan.window)
+    first, last = (round(time / config.period + shift) * dt_ns for time in plan.window)
     return (first, last), nodes, stopped
 
 
@@ -132,25 +140,35 @@ def _state(session: Session) -> tuple[dict[str, dict[str, str]], str]:
     return found, stops[-1] if stops else ""
 
 
-def _read(output: Path, window_ns: tuple[int, int]) -> tuple[Tracking, list[str]]:
-    """The tracking inside the window, and a line for each thing that is missing in the recording."""
+def _draw(arguments: argparse.Namespace, tracking: Tracking, output: Path) -> Path:
+    """The page with the tracking picture, beside the recording."""
+    from hd_control.analysis.figures import tracking_figure, write_page
+
+    page = output.with_name(output.name + ".html")
+    return write_page(tracking_figure(tracking, f"{arguments.scenario}: tracking of {output.name}"), page)
+
+
+def _read(output: Path) -> tuple[Tracking, list[str]]:
+    """The tracking of the whole recording, and a line for each thing that is missing in it."""
     from hd_control.analysis.tracking import tracking_of
     from hd_control.record.reader import BagReader
 
     with BagReader(output) as bag:
         lines = [f"recorded: {sum(bag.counts.values())} messages on {len(bag.counts)} topics"]
         lines += [f"  ! {problem}" for problem in bag.problems]
-        return tracking_of(bag).within(*window_ns), lines
+        return tracking_of(bag), lines
 
 
 def tracking_lines(tracking: Tracking, window_ns: tuple[int, int]) -> list[str]:
     """The tracking table for people."""
     length = (window_ns[1] - window_ns[0]) * 1e-9
-    lines = [f"joint position error over {length:.2f} s (reference minus joint sensor)", "  joint      max rad    rms rad"]
+    lines = [f"joint position error over {length:.2f} s (reference minus joint sensor)"]
+    lines.append("  joint      max rad    rms rad")
     largest, rms = tracking.maximum(), tracking.rms()
     lines += [f"  {name:9} {largest[name]:9.2e}  {rms[name]:9.2e}" for name in tracking.joint_names]
     if "joint_3" in largest:
-        lines.append(f"  Zhu's robot, joint 3, coordinated move: {PAPER_JOINT_3:.2e}. Another plant: plausible, not identified.")
+        paper = f"Zhu's robot, joint 3, coordinated move: {PAPER_JOINT_3:.2e}"
+        lines.append(f"  {paper}. Another plant: plausible, not identified.")
     return lines
 
 

@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--plant", metavar="FILE", help="plant file, shipped name or path [the scenario's own]")
     parser.add_argument("--seed", type=int, default=0, help="seed of noise, hidden effects and random motion [0]")
     parser.add_argument(
-        "--hide", metavar="[JOINT/]EFFECT[:STRENGTH]", action="append", default=[], help="hidden effect; may be repeated"
+        "--hide", metavar="[JOINT/]EFFECT[:STRENGTH]", action="append", default=[], help="hidden effect, repeatable"
     )
     parser.add_argument("--nominal", action="store_true", help="strip the plant to the usual model before hiding")
     parser.add_argument("--seal", metavar="FILE", help="where the truth is sealed [BAG.seal if something is hidden]")
@@ -85,9 +85,8 @@ def _simulate(arguments: argparse.Namespace) -> int:
     config = apply_hidden(visible, effects, arguments.seed)
     setup = RunSetup(config, arguments.seed, parameter_values(arguments.set))
     runner = Runner(setup)
-    plan = make_plan(
-        scenario, config.robot.joint_names, config.start_position, runner.goal_limits.velocity, config.period, arguments.seed
-    )
+    limit = runner.goal_limits.velocity
+    plan = make_plan(scenario, config.robot.joint_names, config.start_position, limit, config.period, arguments.seed)
     seal = Path(arguments.seal) if arguments.seal else output.with_name(output.name + ".seal")
     if effects:
         refuse_overwrite(seal, arguments.force)
@@ -123,7 +122,8 @@ def _report(
     if stopped:
         say(arguments, f"the safety gate stopped the robot: {stopped}")
     document = {"schema": "hd.simulate/1", "bag": str(output), "seal": None if seal is None else str(seal)}
-    write_json(arguments, {**document, "ticks": plan.ticks, "window": plan.window, "stopped": stopped or None, "gate": values})
+    document |= {"ticks": plan.ticks, "window": plan.window, "stopped": stopped or None, "gate": values}
+    write_json(arguments, document)
     return 1 if stopped else 0
 
 

@@ -15,7 +15,8 @@ def _hd(*words: object) -> int:
 
 def test_a_run_with_a_hidden_effect_keeps_the_truth_out_of_the_bag(tmp_path, capsys):
     bag = tmp_path / "run"
-    code = _hd("simulate", "rest", "-o", bag, "--nominal", "--hide", "joint_3/stribeck_friction:2", "--json", tmp_path / "r.json")
+    hidden = ["--nominal", "--hide", "joint_3/stribeck_friction:2"]
+    code = _hd("simulate", "rest", "-o", bag, *hidden, "--json", tmp_path / "r.json")
     assert code == 0
     assert (tmp_path / "run.seal").exists()
     assert "sealed" in capsys.readouterr().out

@@ -36,7 +36,8 @@ def test_shipped_arms_have_the_tabulated_gravity_and_inertia(name):
 
 
 def _tilted_arm(axis: str) -> str:
-    link = "<inertial><origin xyz='.1 .2 .3'/><mass value='2'/><inertia ixx='.4' iyy='.5' izz='.6' ixy='.01' ixz='.02' iyz='.03'/></inertial>"
+    inertia = "<inertia ixx='.4' iyy='.5' izz='.6' ixy='.01' ixz='.02' iyz='.03'/>"
+    link = f"<inertial><origin xyz='.1 .2 .3'/><mass value='2'/>{inertia}</inertial>"
     joints = "".join(
         f"<joint name='j{i}' type='revolute'><parent link='l{i}'/><child link='l{i + 1}'/>"
         f"<origin xyz='.1 .2 .4' rpy='.3 -.4 .5'/><axis xyz='{axis}'/>"

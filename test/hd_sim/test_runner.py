@@ -12,10 +12,8 @@ from hd_sim.scenario import SCENARIOS, find_scenario, make_plan
 
 
 def _plan(runner: Runner, name: str, seed: int = 0):
-    config = runner.world.seam.plant.config
-    return make_plan(
-        find_scenario(name), runner.robot.joint_names, config.start_position, runner.goal_limits.velocity, runner.period, seed
-    )
+    start, limit = runner.world.seam.plant.config.start_position, runner.goal_limits.velocity
+    return make_plan(find_scenario(name), runner.robot.joint_names, start, limit, runner.period, seed)
 
 
 def _run(name: str, plant: str = "arm_a", seed: int = 0, ticks: int | None = None, **values):
