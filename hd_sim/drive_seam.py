@@ -1,12 +1,12 @@
 """The seam in front of the simulated drives: newest command, second gate, command watchdog, brake.
 
-It is the last code before the model, and it believes nothing of the controller. `plant_node` and the runner use the same
-object, so a command meets the same treatment with and without ROS.
+It is the last code before the model, and it believes nothing of the controller. `plant_node` and the runner use the
+same object, so a command meets the same treatment with and without ROS.
 
 Tick k: the newest command, normally that of tick k-1, is latched for [k, k+1), then the sensors are sampled, then the
 interval is integrated. A joint whose command is missing holds its last one; at the age limit of the gate every joint
-stops: torque ramps to zero and the brake closes. The brake is closed at the start and opens once the commanded torque leaves the gate unlimited, that is,
-when it carries the arm.
+stops: torque ramps to zero and the brake closes. The brake is closed at the start and opens once the commanded torque
+leaves the gate unlimited, that is, when it carries the arm.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Tracking:
-    """Reference minus measured joint position: `error` and `reference` (k, n) rad at the tick times `stamps_ns` (k,)."""
+    """Reference minus measured joint position: `error` and `reference` (k, n) rad at the stamps `stamps_ns` (k,)."""
 
     joint_names: tuple[str, ...]
     stamps_ns: NDArray[np.int64]
