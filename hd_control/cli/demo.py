@@ -47,13 +47,8 @@ def run(arguments: argparse.Namespace) -> int:
     whole, written = _read(output)
     tracking, picture = whole.within(*window_ns), _draw(arguments, whole, output)
     missed = missed_percent(nodes)
-    for line in (
-        *tracking_lines(tracking, window_ns),
-        "",
-        *node_lines(nodes),
-        f"missed ticks: {missed:.2f} %",
-        *written,
-    ):
+    statistics = [*node_lines(nodes), f"missed ticks: {missed:.2f} %"]
+    for line in (*tracking_lines(tracking, window_ns), "", *statistics, *written):
         say(arguments, line)
     if stopped:
         say(arguments, f"the safety gate stopped the robot: {stopped}")
