@@ -1,19 +1,19 @@
 """The nodes of a robot: `ros2 launch hd_control robot.launch.py robot:=arm_a clock:=lockstep bag:=bags/first`.
 
-The same plan as `hd up`, which needs no launch system. The nodes start by themselves, the plant last in effect: it waits
-for its command in lock-step, and on the wall clock its gate holds the brake until the commands run.
+The same plan as `hd up`, which needs no launch system. The nodes start by themselves, the plant last in effect: it
+waits for its command in lock-step, and on the wall clock its gate holds the brake until the commands run.
 """
 
 import os
 from dataclasses import replace
 from pathlib import Path
 
-from hd_control.nodes.run_plan import FOUR, RunPlan
-
-from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, SetEnvironmentVariable
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+
+from hd_control.nodes.run_plan import FOUR, RunPlan
+from launch import LaunchDescription
 
 DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 ARGUMENTS = {"robot": "arm_a", "clock": "wall", "namespace": "", "bag": "", "nodes": " ".join(FOUR)}

@@ -11,14 +11,20 @@ EXAMPLE = "hd up --robot arm_a --bag bags/first"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the command."""
-    parser.add_argument("--robot", default="arm_a", metavar="NAME", help="robot and plant: shipped name or path (arm_a)")
+    parser.add_argument(
+        "--robot", default="arm_a", metavar="NAME", help="robot and plant: shipped name or path (arm_a)"
+    )
     parser.add_argument("--lockstep", action="store_true", help="lock-step instead of the wall clock")
-    parser.add_argument("--nodes", nargs="+", metavar="NODE", help="node executables to start; default: the four of the ring")
+    parser.add_argument(
+        "--nodes", nargs="+", metavar="NODE", help="node executables to start; default: the four of the ring"
+    )
     parser.add_argument("--one-process", action="store_true", help="chain and plant in one process instead of four")
     parser.add_argument("--per-joint", action="store_true", help="one torque node for each joint")
     parser.add_argument("--namespace", default="", metavar="NS", help="namespace of all nodes")
     parser.add_argument("--bag", metavar="DIR", help="record into this new folder")
-    parser.add_argument("--params", nargs=2, action="append", default=[], metavar=("NODE", "FILE"), help="params file of a node")
+    parser.add_argument(
+        "--params", nargs=2, action="append", default=[], metavar=("NODE", "FILE"), help="params file of a node"
+    )
     parser.add_argument("--ticks", type=int, default=0, metavar="N", help="leave after N ticks of the plant; 0: stay")
     parser.add_argument("--no-real-time", action="store_true", help="do not ask for real-time priority")
 
@@ -30,7 +36,10 @@ def run(arguments: argparse.Namespace) -> int:
     from hd_control.nodes.session import Session
 
     plan = make_plan(arguments)
-    say(arguments, "This is no safety function: a real arm needs a hardware emergency stop, drive limits and brakes of its own.")
+    say(
+        arguments,
+        "This is no safety function: a real arm needs a hardware emergency stop, drive limits and brakes of its own.",
+    )
     session = Session(plan, real_time=False if arguments.no_real_time else None)
     try:
         with session:

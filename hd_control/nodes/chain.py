@@ -1,4 +1,4 @@
-"""`chain`: fusion, motion and torque in one process and one thread, on the same topics; with `with_plant` the plant too.
+"""`chain`: fusion, motion and torque in one process and one thread, on the same topics; `with_plant` adds the plant.
 
 Parameters of the laws are those of their own nodes with a prefix: `torque.law`, `motion.position_gain` and so on; their
 shipped values come from the nodes' own files. Exit codes: 0 stopped, 1 internal fault, 2 bad configuration.
@@ -7,7 +7,6 @@ shipped values come from the nodes' own files. Exit codes: 0 stopped, 1 internal
 from __future__ import annotations
 
 import importlib
-import sys
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -68,10 +67,10 @@ def make_chain() -> ChainNode:
     return make()
 
 
-def main() -> int:
-    """Entry point."""
-    return run_node(make_chain)
+def main() -> None:
+    """Entry point; ends the process with the exit code."""
+    run_node(make_chain)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

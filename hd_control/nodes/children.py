@@ -16,7 +16,7 @@ from hd_control.nodes.process import DISCOVERY
 
 _LIBC = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1
-GRACE = (3.0, 2.0, 2.0)
+GRACE = (5.0, 2.0, 2.0)
 
 
 def child_environment(domain: int | None = None, real_time: bool = True) -> dict[str, str]:
@@ -85,5 +85,7 @@ class Children:
     def __enter__(self) -> Children:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.stop_all()

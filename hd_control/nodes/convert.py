@@ -22,7 +22,7 @@ def goal_from_message(message: JointTrajectory, dt_ns: int, identifier: str) -> 
     points, stamp = message.points, stamp_ns(message.header.stamp)
     return goal_from_points(
         list(message.joint_names),
-        [stamp_ns(point.time_from_start) * 1e-9 for point in points],
+        [stamp_ns(point.time_from_start) / 1e9 for point in points],
         [point.positions for point in points],
         [point.velocities for point in points],
         [point.accelerations for point in points],

@@ -1,8 +1,10 @@
-"""`fusion_node`: three raw sensors to one state estimate. Exit codes: 0 stopped, 1 internal fault, 2 bad configuration."""
+"""`fusion_node`: three raw sensors to one state estimate.
+
+Exit codes: 0 stopped on request, 1 internal fault, 2 bad configuration.
+"""
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 from hd_control.nodes.process import run_node
@@ -22,10 +24,10 @@ class FusionNode(StageShell):
         return [Stage(FUSION, fusion, self.robot, self.dt)]
 
 
-def main() -> int:
-    """Entry point."""
-    return run_node(FusionNode)
+def main() -> None:
+    """Entry point; ends the process with the exit code."""
+    run_node(FusionNode)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

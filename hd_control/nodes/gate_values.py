@@ -10,7 +10,9 @@ from hd_control.core.parameters import Change, Parameter
 from hd_control.core.resources import find_config
 from hd_control.core.strict_yaml import load_params_file
 
-LIMITS = Parameter("limits", "file with the limits of the safety gate: shipped name or path", kind=str, change=Change.FIXED)
+LIMITS = Parameter(
+    "limits", "file with the limits of the safety gate: shipped name or path", kind=str, change=Change.FIXED
+)
 
 
 def limits_block(name_or_path: str, joint_names: Sequence[str], dt: float) -> Block:

@@ -44,7 +44,9 @@ class GoalDesk:
         """The answer to an accepted goal. Raises GoalError; nothing has changed then."""
         stage = self._stage
         if not self._node.active or stage.follower is None:
-            raise GoalError("not_active", "HD-F22 goal_bad: the motion law does not run. Activate it and start the plant.")
+            raise GoalError(
+                "not_active", "HD-F22 goal_bad: the motion law does not run. Activate it and start the plant."
+            )
         limits = GoalLimits.from_values(self._values(), self._node.robot)
         for lead in LEADS if goal.start_tick is None else (0,):
             tick = stage.tick

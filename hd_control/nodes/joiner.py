@@ -11,7 +11,7 @@ class Joiner:
 
     A newer tick abandons an incomplete older one, which is counted in `incomplete`; a value of a tick that is past or
     already there is dropped and counted in `stale`. A stamp that stands still therefore never makes a new tick.
-    `repeated` tells that the last input came again for the finished tick: in lock-step the sender asks for the answer again.
+    `repeated` tells that the last input came again for the finished tick: in lock-step the sender asks again.
     An input in `optional` is waited for only after it has been seen once; until then its value is None.
     """
 

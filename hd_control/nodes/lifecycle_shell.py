@@ -19,7 +19,7 @@ from std_msgs.msg import String
 from hd_control.core.errors import HdError
 from hd_control.core.parameters import ParameterSet
 from hd_control.core.robot import Robot
-from hd_control.nodes.node_parameters import COMMON, shipped_values
+from hd_control.nodes.node_parameters import COMMON, for_joints, shipped_values
 from hd_control.nodes.ros_loop import FastLoop, HandsOff, chain_qos, latched_qos
 from hd_control.nodes.ros_parameters import ParameterDesk
 from hd_control.record.cdr import ValuesCodec
@@ -40,8 +40,9 @@ class Shell(LifecycleNode):
         self.fault = ""
         self.active = False
         self._configured = False
-        self.defaults = defaults = shipped_values(name)
+        self.defaults = shipped_values(name)
         self.robot = self.find_robot()
+        defaults = for_joints(self.defaults, own, self.robot.joint_names)
         common = tuple(parameter for parameter in COMMON.parameters if parameter.name not in own.names)
         parameters = ParameterSet(name, common + own.parameters, COMMON.rules + own.rules)
         self.desk = ParameterDesk(
@@ -172,7 +173,9 @@ class Shell(LifecycleNode):
             message = message or "not active"
         values = {"run_id": self.run_id, "active": self.active, **values, "parameter_changes": self.desk.changes}
         values |= {"parameter_refusals": self.desk.refusals, "last_refusal": self.desk.last_refusal}
-        status = DiagnosticStatus(level=level, name=self.get_fully_qualified_name(), message=message, hardware_id="hd_control")
+        status = DiagnosticStatus(
+            level=level, name=self.get_fully_qualified_name(), message=message, hardware_id="hd_control"
+        )
         status.values = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()

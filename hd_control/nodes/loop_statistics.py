@@ -8,6 +8,7 @@ from array import array
 import numpy as np
 
 RING = 8192
+PLAUSIBLE_AGE_NS = 10_000_000_000
 
 
 class LoopStatistics:
@@ -24,6 +25,13 @@ class LoopStatistics:
         self.max_age_ns = 0
         self._times = array("q", bytes(8 * RING))
         self._busy = array("q", bytes(8 * RING))
+        self._answers = array("q", bytes(8 * RING))
+        self._answer_count = 0
+
+    def answer(self, waited_ns: int) -> None:
+        """Notes how long after its sample the complete command of a tick was there (plant only)."""
+        self._answers[self._answer_count % RING] = waited_ns
+        self._answer_count += 1
 
     def tick(self, tick: int, started_ns: int, finished_ns: int) -> None:
         """Counts one tick; a step of more than one in the tick number is a gap and counts as missed ticks."""
@@ -36,8 +44,10 @@ class LoopStatistics:
         self.ticks += 1
 
     def age(self, stamp_ns: int) -> None:
-        """Notes how long after its scheduled time a sample was used (wall clock only)."""
-        self.max_age_ns = max(self.max_age_ns, time.time_ns() - stamp_ns)
+        """Notes how long after its scheduled time a sample was used; lock-step stamps are no wall time and left out."""
+        age = time.time_ns() - stamp_ns
+        if self.max_age_ns < age < PLAUSIBLE_AGE_NS:
+            self.max_age_ns = age
 
     def summary(self) -> dict[str, float]:
         """Counters, and period and busy time of the last ticks as p50, p99 and maximum, in µs."""
@@ -51,5 +61,10 @@ class LoopStatistics:
             for name, values in (("period", np.diff(times)), ("busy", np.array(self._busy, dtype=np.int64)[:count])):
                 for label, q in (("p50", 50), ("p99", 99), ("max", 100)):
                     found[f"{name}_{label}_us"] = float(np.percentile(values, q)) / 1000.0
+        answers = np.array(self._answers, dtype=np.int64)[: min(self._answer_count, RING)]
+        if len(answers):
+            found["answer_p50_us"], found["answer_p99_us"] = (
+                float(np.percentile(answers, q)) / 1000.0 for q in (50, 99)
+            )
         self.max_age_ns = 0
         return found

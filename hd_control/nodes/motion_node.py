@@ -1,12 +1,13 @@
 """`motion_node`: goals to references, references and joint states to the required joint torque.
 
-Goals on `joint_trajectory` are checked completely before acceptance; the answer is on `~/goal_status` (latched): `accepted
-ID` or the refusal. Stamp 0 starts at the next ticks. Exit codes: 0 stopped, 1 internal fault, 2 bad configuration.
+Goals on `joint_trajectory` are checked completely before acceptance; the answer is on `~/goal_status` (latched):
+`accepted ID …` or the refusal. Stamp 0 starts at the next ticks.
+
+Exit codes: 0 stopped on request, 1 internal fault, 2 bad configuration.
 """
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 from hd_control.control import motion
@@ -29,10 +30,10 @@ class MotionNode(StageShell):
         return [self.motion]
 
 
-def main() -> int:
-    """Entry point."""
-    return run_node(MotionNode)
+def main() -> None:
+    """Entry point; ends the process with the exit code."""
+    run_node(MotionNode)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

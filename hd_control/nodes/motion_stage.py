@@ -54,7 +54,7 @@ class MotionStage(Stage):
             self.follower.accept(path, tick)
 
     def _find_reference_array(self) -> Any:
-        """The reference block begins with desired position, velocity, acceleration: the follower writes straight into it."""
+        """The reference block begins with position, velocity, acceleration: the follower writes straight into it."""
         assert self.reference is not None
         return self.reference.array[: 3 * len(self.joint_names)]
 

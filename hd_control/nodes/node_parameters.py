@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from hd_control.core.parameters import Change, Parameter, ParameterSet
+from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
 from hd_control.core.resources import config_path
 from hd_control.core.strict_yaml import load_params_file
 
@@ -16,8 +17,14 @@ COMMON = ParameterSet(
         Parameter("robot", "robot description: shipped name or path of a URDF", kind=str, change=Change.FIXED),
         Parameter("period", "control period", "s", low=1e-4, high=0.1, change=Change.FIXED),
         Parameter("autostart", "configure and activate without a manager", kind=bool, change=Change.FIXED),
-        Parameter("publisher_depth", "messages kept for slow readers: 1 on the wall clock, more for a lock-step recording",
-                  kind=int, low=1, high=10_000, change=Change.FIXED),  # fmt: skip
+        Parameter(
+            "publisher_depth",
+            "messages kept for slow readers: 1 on the wall clock, more for a lock-step recording",
+            kind=int,
+            low=1,
+            high=10_000,
+            change=Change.FIXED,
+        ),
         Parameter("introspection", "publish every number of the law each tick", kind=bool, change=Change.HOT),
     ),
 )
@@ -37,3 +44,23 @@ def shipped_values(node: str) -> dict[str, Any]:
             values.update({f"{part}.{name}": value for name, value in law.items() if name not in COMMON.names})
     values.update(load_params_file(config_path(f"{node}.yaml"), node))
     return values
+
+
+def for_joints(values: Mapping[str, Any], parameters: ParameterSet, joint_names: Sequence[str]) -> dict[str, Any]:
+    """Values with their per-joint lists cut to a robot that has some of the joints in `joint_names`, matched by name.
+
+    Lists of a law with a prefix (`torque.joint_names`) are cut by its own names. Other values stay as they are.
+    """
+    found = dict(values)
+    for head in (name.removesuffix("joint_names") for name in parameters.names if name.endswith("joint_names")):
+        known = list(values.get(f"{head}joint_names", ()))
+        if known == list(joint_names) or not set(joint_names) <= set(known):
+            continue
+        rows = [known.index(name) for name in joint_names]
+        for parameter in parameters.parameters:
+            name = parameter.name
+            own = name.startswith(head) and "." not in name.removeprefix(head)
+            if own and parameter.shape is Shape.PER_JOINT and len(values.get(name, ())) == len(known):
+                found[name] = [values[name][row] for row in rows]
+        found[f"{head}joint_names"] = list(joint_names)
+    return found

@@ -13,7 +13,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from hd_control.core.errors import ConfigError, HdError
 from hd_control.nodes.real_time import request_real_time
@@ -38,15 +38,28 @@ def prepare_environment() -> str:
     )
 
 
-def run_node(make: Callable[[], Shell], arguments: Sequence[str] | None = None) -> int:
-    """Runs the node that `make` builds until a signal asks it to stop; returns the exit code."""
+def run_node(make: Callable[[], Shell], arguments: Sequence[str] | None = None) -> NoReturn:
+    """Runs the node that `make` builds until a signal asks it to stop, and ends the process with the exit code.
+
+    The process ends without the interpreter's own clean-up: threads of the middleware can hold that up for seconds
+    after everything has been closed in order.
+    """
+    code = _run(make, arguments)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
+
+
+def _run(make: Callable[[], Shell], arguments: Sequence[str] | None) -> int:
     warning = prepare_environment()
     notes = request_real_time()
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 
     try:
-        rclpy.init(args=list(arguments) if arguments is not None else None, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(
+            args=list(arguments) if arguments is not None else None, signal_handler_options=SignalHandlerOptions.NO
+        )
     except Exception as error:  # rcl reports bad arguments and unreadable params files with several types
         return _complain(ConfigError(f"ROS arguments: {str(error).strip().splitlines()[0]}"))
     try:
@@ -97,7 +110,7 @@ def _serve(node: Shell) -> int:
 
 
 def stop_on_signals(stop: Callable[[], None]) -> None:
-    """Calls `stop` from a thread of its own on SIGINT or SIGTERM: the main thread may be waiting inside the middleware."""
+    """Calls `stop` from a thread of its own on SIGINT or SIGTERM: the main thread may wait inside the middleware."""
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -6,7 +6,6 @@ Exit codes: 0 stopped on request, 1 internal fault or a recording that failed, 2
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -30,8 +29,11 @@ ATTACHED = ("nodes.yaml", "fusion_node.yaml", "motion_node.yaml", "torque_node.y
 
 
 def _extra_rule(values: Any) -> list[str]:
-    return [f"extra_topics: {name!r} is not a topic of this package" for name in filter(None, values["extra_topics"])
-            if topic_info(name) is None]  # fmt: skip
+    return [
+        f"extra_topics: {name!r} is not a topic of this package"
+        for name in filter(None, values["extra_topics"])
+        if topic_info(name) is None
+    ]
 
 
 PARAMETERS = ParameterSet(
@@ -60,7 +62,9 @@ class RecorderNode(Shell):
     def build(self) -> Callable[[], None]:
         names = topic_names(self.values["extra_topics"])
         self.topics = [RecordedTopic(self, name, self.values["depth"], self.group) for name in names]
-        self.turn = RecorderTurn(self.loop, self.topics, self.dt_ns, lambda tick: self._progress.publish(UInt64(data=tick)))
+        self.turn = RecorderTurn(
+            self.loop, self.topics, self.dt_ns, lambda tick: self._progress.publish(UInt64(data=tick))
+        )
         return self.turn
 
     def begin(self) -> None:
@@ -87,7 +91,7 @@ class RecorderNode(Shell):
         if self.turn is None or self.recorder is None:
             return
         self.loop.remove()
-        self.turn.collect()
+        self.turn.finish()
         self.turn.recorder = None
         failure = self.recorder.close("stopped on request", self.values["compact"])
         if failure:
@@ -119,10 +123,10 @@ class RecorderNode(Shell):
         return {"recorder_run_id": self.run_id, "period": f"{self.dt:g}"} | {key: value for key, _, value in pairs}
 
 
-def main() -> int:
-    """Entry point."""
-    return run_node(RecorderNode)
+def main() -> None:
+    """Entry point; ends the process with the exit code."""
+    run_node(RecorderNode)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

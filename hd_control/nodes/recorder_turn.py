@@ -1,4 +1,4 @@
-"""The recorder's fast loop: takes serialised messages of every topic, offers them to the queues, writes, tells its progress."""
+"""The recorder's fast loop: takes serialised messages of every topic, writes them, tells its progress."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from hd_control.record.schema import TOPICS, topic_info
 
 BATCH_NS = 5_000_000
 SYNC_NS = 500_000_000
+FINISH_NS, QUIET_NS = 1_000_000_000, 100_000_000
 SETTLE_NS = 200_000_000
 NEEDED = (*SENSORS, COMMAND)
 
@@ -54,7 +55,9 @@ def topic_names(extra: Sequence[str]) -> list[str]:
 class RecorderTurn:
     """Every 5 ms: take all that is waiting, write it, flush; twice a second: force the disk."""
 
-    def __init__(self, loop: FastLoop, topics: Sequence[RecordedTopic], dt_ns: int, tell: Callable[[int], None]) -> None:
+    def __init__(
+        self, loop: FastLoop, topics: Sequence[RecordedTopic], dt_ns: int, tell: Callable[[int], None]
+    ) -> None:
         self._loop, self._topics, self._half, self._dt_ns, self._tell = loop, tuple(topics), dt_ns // 2, dt_ns, tell
         self.recorder: Recorder | None = None
         self._told = self._newest_ns = -1
@@ -66,17 +69,27 @@ class RecorderTurn:
         self._loop.waiter.wait((), BATCH_NS)
         self.collect()
 
-    def collect(self) -> None:
-        """Takes and writes everything that is waiting."""
-        recorder = self.recorder
+    def finish(self) -> None:
+        """Goes on until nothing has come for a while: samples may still be on their way."""
+        end = time.monotonic_ns() + FINISH_NS
+        quiet_since = time.monotonic_ns()
+        while time.monotonic_ns() < min(end, quiet_since + QUIET_NS):
+            if self.collect():
+                quiet_since = time.monotonic_ns()
+            time.sleep(0.002)
+
+    def collect(self) -> int:
+        """Takes and writes everything that is waiting; returns how many samples of the chain there were."""
+        recorder, taken_count = self.recorder, 0
         for topic in self._topics:
             while (taken := topic.take(topic.kind, True)) is not None:
                 if recorder is not None:
                     recorder.offer(topic.path, time.time_ns(), taken[0])
                     if topic.chain:
+                        taken_count += 1
                         self._note(taken[0])
         if recorder is None:
-            return
+            return taken_count
         recorder.drain()
         now = time.monotonic_ns()
         if now >= self._next_sync:
@@ -87,6 +100,7 @@ class RecorderTurn:
         elif self._newest_ns > self._told:
             self._told = self._newest_ns
             self._tell((self._newest_ns + self._half) // self._dt_ns)
+        return taken_count
 
     def _announce(self, now: int) -> None:
         """Tells `0` once a plant and a torque node are seen: a lock-step plant that wants no loss waits for this."""

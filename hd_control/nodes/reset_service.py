@@ -32,7 +32,9 @@ def serve_reset(node: Node, find: Callable[[], Resettable | None]) -> None:
         while target.reset_answer is None and time.monotonic() < end:
             time.sleep(0.002)
         target.reset_asked = False
-        reasons = ["no ticks arrive; start the plant or the bridge"] if target.reset_answer is None else target.reset_answer
+        reasons = (
+            ["no ticks arrive; start the plant or the bridge"] if target.reset_answer is None else target.reset_answer
+        )
         response.success, response.message = not reasons, "; ".join(reasons) or "reset"
         return response
 

@@ -1,10 +1,13 @@
-"""How fast a ring of four processes is: a source and three echoes over real topics, the fast loop against the stock executor.
+"""How fast a ring of four processes is: the fast loop against the stock executor, and the real nodes.
 
     ring(10.0)                  -> RingResult of this package's loop, paced at 1 kHz
     stock_executor_ring(10.0)   -> the same ring with message objects, callbacks and a SingleThreadedExecutor
     ring(5.0, lockstep=True)    -> as fast as it goes; `ticks_per_second` counts
+    robot_ring(10.0)            -> plant, fusion, motion and torque node at 1 kHz
+    lockstep_ticks_per_second() -> the same in lock-step
 
-Each echo copies seven numbers, so the figures are those of the transport and the loop, without the laws.
+In `ring` each echo copies seven numbers, so its figures are those of the transport and the loop,
+without the laws.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ import subprocess
 import sys
 import time
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,6 +29,8 @@ from hd_control.nodes import topics
 from hd_control.nodes.children import Children, child_environment
 from hd_control.nodes.process import stop_on_signals
 from hd_control.nodes.real_time import request_real_time, sleep_until
+from hd_control.nodes.run_plan import FOUR, RunPlan
+from hd_control.nodes.session import Session, log_folder
 
 JOINTS = tuple(f"joint_{i}" for i in range(1, 8))
 HOPS = (
@@ -74,12 +80,51 @@ def _run(kind: str, seconds: float, period: float, lockstep: bool, real_time: bo
     return RingResult(**json.loads(text.splitlines()[-1]))
 
 
+@dataclass(frozen=True)
+class RobotRingResult:
+    """The real nodes on the wall clock: sample to complete command in µs, ticks whose command was late or lost."""
+
+    p50: float
+    p99: float
+    missed_percent: float
+    ticks: int
+
+
+def robot_ring(
+    seconds: float = 10.0, one_process: bool = False, joint_groups: tuple[tuple[str, ...], ...] = ()
+) -> RobotRingResult:
+    """Plant, fusion, motion and torque node at 1 kHz; one thread with `one_process`. Raises HdError if they fail."""
+    nodes = ("chain",) if one_process else FOUR
+    with Session(RunPlan(nodes=nodes, joint_groups=joint_groups), 1 + secrets.randbelow(100), log_folder()) as session:
+        session.activate()
+        session.stay(500)
+        session.wait_for(lambda: "late" in session.diagnostics(session.plant_node), 10.0, "no diagnostics")
+        first = session.diagnostics(session.plant_node)
+        time.sleep(seconds)
+        last = session.diagnostics(session.plant_node)
+    ticks, late, skipped = (int(last[name]) - int(first[name]) for name in ("ticks", "late", "skipped"))
+    total = max(1, ticks + skipped)
+    p50, p99 = (float(last.get(name, "nan")) for name in ("answer_p50_us", "answer_p99_us"))
+    return RobotRingResult(p50, p99, 100.0 * (late + skipped) / total, total)
+
+
+def lockstep_ticks_per_second(ticks: int = 2000, one_process: bool = False, bag: Path | None = None) -> float:
+    """Ticks per second of the real nodes in lock-step, four processes or one thread; `bag` adds the recorder."""
+    nodes = ("chain",) if one_process else FOUR
+    plan = RunPlan(nodes=nodes, lockstep=True, bag=bag, parameters={nodes[-1]: {"pause_at_tick": WARM_UP}})
+    with Session(plan, 1 + secrets.randbelow(100), log_folder()) as session:
+        session.activate()
+        session.wait_until_tick(WARM_UP)
+        begun = time.monotonic()
+        session.run_to(WARM_UP + ticks, 600.0)
+        return ticks / (time.monotonic() - begun)
+
+
 class _Ring:
     """What both kinds share: a node, the echo of one hop, the source's bookkeeping."""
 
     def __init__(self, role: str) -> None:
         import rclpy
-
         from rclpy.signals import SignalHandlerOptions
 
         request_real_time()
@@ -95,8 +140,9 @@ class _Ring:
 
 class _FastRing(_Ring):
     def echo(self, hop: int) -> None:
-        from hd_control.nodes.ros_loop import FastLoop, HandsOff, JoinedTurn, RawInput, chain_qos
         from sensor_msgs.msg import JointState
+
+        from hd_control.nodes.ros_loop import FastLoop, HandsOff, JoinedTurn, RawInput, chain_qos
 
         source, target = HOPS[hop]
         loop = FastLoop(self.node)
@@ -115,8 +161,9 @@ class _FastRing(_Ring):
         loop.run()
 
     def source(self, seconds: float, period: float, lockstep: bool) -> RingResult:
-        from hd_control.nodes.ros_loop import HandsOff, RawInput, Waiter, chain_qos
         from sensor_msgs.msg import JointState
+
+        from hd_control.nodes.ros_loop import HandsOff, RawInput, Waiter, chain_qos
 
         waiter = Waiter(self.node, 1)
         back = RawInput(self.node, topics.COMMAND, JOINTS, HandsOff())

@@ -125,7 +125,7 @@ class TemperatureInput:
 
 
 def wait_matched(subscriptions: Sequence[Any], publishers: Sequence[Any], timeout: float = 1.0) -> bool:
-    """Waits until every topic has another end, so that a first message is not lost to discovery; False at the timeout."""
+    """Waits until every topic has another end: a first message is not lost to discovery then. False at the timeout."""
     end = time.monotonic() + timeout
     while time.monotonic() < end:
         heard = all(subscription.handle.get_publisher_count() for subscription in subscriptions)
@@ -218,11 +218,10 @@ class JoinedTurn:
         inputs: Sequence[RawInput],
         step: Callable[[int, int, list[dict[str, Any] | None]], None],
         dt_ns: int,
-        wall_clock: bool = True,
         optional: Collection[int] = (),
     ) -> None:
         self._optional = tuple(optional)
-        self._loop, self._inputs, self._step, self._dt_ns, self._wall = loop, tuple(inputs), step, dt_ns, wall_clock
+        self._loop, self._inputs, self._step, self._dt_ns = loop, tuple(inputs), step, dt_ns
         self._half = dt_ns // 2
         self._joiner = Joiner(len(inputs), self._optional)
         self.statistics = LoopStatistics(dt_ns)
@@ -248,8 +247,7 @@ class JoinedTurn:
         values = joiner.values()
         stamp_ns = joiner.tick * self._dt_ns
         statistics = self.statistics
-        if self._wall:
-            statistics.age(stamp_ns)
+        statistics.age(stamp_ns)
         self._step(joiner.tick, stamp_ns, [None if value is None else value[1] for value in values])
         statistics.incomplete = joiner.incomplete
         statistics.tick(joiner.tick, started, time.monotonic_ns())

@@ -92,7 +92,9 @@ class ParameterDesk:
         problems = self._set.problems(dict.fromkeys(unknown), self._joints)
         problems = [text for text in problems if "unknown parameter" in text]
         for parameter in self._set.parameters:
-            value = plain(parameter, given[parameter.name].value if parameter.name in given else defaults.get(parameter.name))
+            value = plain(
+                parameter, given[parameter.name].value if parameter.name in given else defaults.get(parameter.name)
+            )
             if value is None:
                 problems.append(f"{parameter.name}: missing ({parameter.meaning}, {parameter.allowed})")
                 continue
@@ -105,7 +107,9 @@ class ParameterDesk:
 
     def _to_declared_type(self, changes: list[RosParameter]) -> list[RosParameter]:
         return [
-            RosParameter(c.name, value=plain(self._set[c.name], c.value)) if c.name in self._set.names and c.value is not None else c
+            RosParameter(c.name, value=plain(self._set[c.name], c.value))
+            if c.name in self._set.names and c.value is not None
+            else c
             for c in changes
         ]
 

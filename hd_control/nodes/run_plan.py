@@ -1,4 +1,4 @@
-"""Which node processes a robot needs, with which parameters: plain data for the session, `hd up` and the launch file."""
+"""Which node processes a robot needs, with which parameters: data for the session, `hd up` and the launch file."""
 
 from __future__ import annotations
 
@@ -48,7 +48,10 @@ class RunPlan:
 
     def processes(self) -> list[NodeProcess]:
         """The processes in the order of activation."""
-        wanted = [*self.nodes, *(["recorder_node"] if self.bag is not None and "recorder_node" not in self.nodes else [])]
+        wanted = [
+            *self.nodes,
+            *(["recorder_node"] if self.bag is not None and "recorder_node" not in self.nodes else []),
+        ]
         found = []
         for name in sorted(wanted, key=list(MODULES).index):
             if name == "torque_node" and self.joint_groups:

@@ -52,7 +52,9 @@ class Session:
             raise
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.stop()
 
     def start(self) -> None:
@@ -111,6 +113,10 @@ class Session:
     def activate(self) -> None:
         """Configures all nodes at once, then activates them in order, the plant last."""
         self.client.transition([process.path for process in self.processes], "configure", CALL_TIMEOUT)
+        self.activate_again()
+
+    def activate_again(self) -> None:
+        """Activates configured nodes in order, the plant last."""
         for process in self.processes:
             self.client.transition([process.path], "activate", CALL_TIMEOUT)
 
@@ -185,7 +191,7 @@ class Session:
     def _wait(self, condition: Callable[[], bool], timeout: float, what: str) -> None:
         end = time.monotonic() + timeout
         while not condition():
-            dead = [name for name, code in self._children.dead().items() if code != 0]
+            dead = list(self._children.dead())
             if dead and not self._expect_deaths:
                 lines = self.log(dead[0]).strip().splitlines()
                 raise HdError(f"{dead[0]} ended: {lines[-1] if lines else 'see its output'}")

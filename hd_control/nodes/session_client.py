@@ -1,4 +1,4 @@
-"""The ROS side of a session: lifecycle, parameters, goals, progress and diagnostics of other nodes, in its own context."""
+"""The ROS side of a session: lifecycle, parameters, goals, progress and diagnostics of nodes, in its own context."""
 
 from __future__ import annotations
 
@@ -41,7 +41,9 @@ class SessionClient:
         self._context = rclpy.Context()
         rclpy.init(args=[], context=self._context, domain_id=domain)
         name = f"session_{next(_NUMBERS)}"
-        self.node = rclpy.create_node(name, context=self._context, namespace=f"/{namespace.strip('/')}", enable_rosout=False)
+        self.node = rclpy.create_node(
+            name, context=self._context, namespace=f"/{namespace.strip('/')}", enable_rosout=False
+        )
         self.tick = -1
         self.diagnostics: dict[str, dict[str, str]] = {}
         self.answers: list[str] = []
@@ -93,7 +95,9 @@ class SessionClient:
             listed = self._call(ListParameters, f"{path}/list_parameters", ListParameters.Request(), timeout)
             names = sorted(listed.result.names)
         answer = self._call(GetParameters, f"{path}/get_parameters", GetParameters.Request(names=names), timeout)
-        return {name: _plain(parameter_value_to_python(value)) for name, value in zip(names, answer.values, strict=True)}
+        return {
+            name: _plain(parameter_value_to_python(value)) for name, value in zip(names, answer.values, strict=True)
+        }
 
     def reset(self, path: str, timeout: float) -> str:
         """`~/reset`; returns the reasons of a refusal."""

@@ -61,7 +61,9 @@ class StageShell(Shell):
     def prepare(self, values: Mapping[str, Any]) -> list[Any]:
         if not self.stages:
             self.stages = self.make_stages(values)
-        return [stage.prepare(own_values(values, prefix)) for stage, prefix in zip(self.stages, self.prefixes, strict=True)]
+        return [
+            stage.prepare(own_values(values, prefix)) for stage, prefix in zip(self.stages, self.prefixes, strict=True)
+        ]
 
     def adopt(self, prepared: list[Any]) -> None:
         for stage, params in zip(self.stages, prepared, strict=True):
@@ -69,7 +71,9 @@ class StageShell(Shell):
 
     def build(self) -> Callable[[], None]:
         made = [topic for stage in self.stages for topic in stage.wiring.outputs]
-        wanted = list(dict.fromkeys(topic for stage in self.stages for topic in stage.wiring.inputs if topic not in made))
+        wanted = list(
+            dict.fromkeys(topic for stage in self.stages for topic in stage.wiring.inputs if topic not in made)
+        )
         late = {topic for stage in self.stages for topic in stage.wiring.optional}
         self.inputs = [RawInput(self, topic, self.robot.joint_names, self.group) for topic in wanted]
         self.outputs = {

@@ -1,4 +1,4 @@
-"""Names of the chain's topics; types and fields are in `hd_control.record.schema`, the table that the recorder uses too."""
+"""Names of the chain's topics; types and fields are in `hd_control.record.schema`, which the recorder uses too."""
 
 from __future__ import annotations
 
@@ -7,7 +7,12 @@ from hd_control.record.schema import TOPICS, joint_state_codec
 ENCODER, RESOLVER, GAUGE, APPLIED = "encoder", "resolver", "gauge_bridge", "motor_torque_applied"
 JOINT_STATES, MOTOR_STATES = "joint_states", "motor_states"
 REFERENCE, REQUIRED, COMMAND = "joint_reference", "joint_torque_required", "motor_torque_command"
-TEMPERATURE, GOAL, DESCRIPTION, DIAGNOSTICS = "motor_temperature", "joint_trajectory", "robot_description", "diagnostics"
+TEMPERATURE, GOAL, DESCRIPTION, DIAGNOSTICS = (
+    "motor_temperature",
+    "joint_trajectory",
+    "robot_description",
+    "diagnostics",
+)
 PROGRESS, CLOCK = "recorder/progress", "/clock"
 SENSORS = (ENCODER, RESOLVER, GAUGE, APPLIED)
 

@@ -6,7 +6,6 @@ latched stop. Exit codes: 0 stopped on request, 1 internal fault, 2 bad configur
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 from hd_control.control import torque
@@ -23,7 +22,9 @@ class TorqueNode(StageShell):
     """One law, one gate."""
 
     def __init__(self) -> None:
-        super().__init__("torque_node", ParameterSet("torque_node", (*torque.PARAMETERS.parameters, LIMITS), torque.PARAMETERS.rules))
+        super().__init__(
+            "torque_node", ParameterSet("torque_node", (*torque.PARAMETERS.parameters, LIMITS), torque.PARAMETERS.rules)
+        )
         serve_reset(self, lambda: self.torque)
         for warning in torque.warnings(self.values):
             self.get_logger().warning(warning)
@@ -34,10 +35,10 @@ class TorqueNode(StageShell):
         return [self.torque]
 
 
-def main() -> int:
-    """Entry point."""
-    return run_node(TorqueNode)
+def main() -> None:
+    """Entry point; ends the process with the exit code."""
+    run_node(TorqueNode)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

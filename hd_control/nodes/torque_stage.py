@@ -35,8 +35,10 @@ class TorqueStage(Stage):
         self.reset_answer: list[str] | None = None
 
     def start(self) -> None:
-        """A new activation: estimates and a latched stop survive, the filters fill again, the gate opens with the torque
-        that the drive holds."""
+        """A new activation: estimates and a latched stop survive, the filters fill again.
+
+        The gate opens with the torque that the drive holds.
+        """
         kept = None if self.state is None else torque.restarted(self.state)
         super().start()
         self.state = kept
@@ -86,7 +88,13 @@ class TorqueStage(Stage):
     def report(self) -> tuple[int, str, dict[str, Any]]:
         values: dict[str, Any] = {"gate_stopped": bool(self.gate_state.stopped), **self.faults.values(self.joint_names)}
         if self.state is not None:
-            for name in ("coulomb_torque", "friction_offset", "viscous_positive", "viscous_negative", "torsional_compliance"):
+            for name in (
+                "coulomb_torque",
+                "friction_offset",
+                "viscous_positive",
+                "viscous_negative",
+                "torsional_compliance",
+            ):
                 values[name] = " ".join(f"{number:.6g}" for number in self.state.view(name))
         if self.exception is not None:
             return ERROR, f"{FaultCode.EXCEPTION.text}: {self.exception!r}", values

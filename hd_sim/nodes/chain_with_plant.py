@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
+
 from hd_control.core.robot import Robot
 from hd_control.nodes import topics
 from hd_control.nodes.chain import ChainNode
@@ -12,9 +14,9 @@ from hd_control.nodes.gate_values import limits_block
 from hd_control.nodes.lifecycle_shell import Introspection
 from hd_control.nodes.ros_loop import wait_matched
 from hd_control.nodes.stage_shell import Output
-from hd_sim.nodes.plant_node import TopicSeam, plant_status
 from hd_sim.nodes.plant_parameters import PARAMETERS, plant_config
 from hd_sim.nodes.plant_turn import PlantTurn
+from hd_sim.nodes.topic_seam import TopicSeam, plant_status
 from hd_sim.nodes.world import World
 from hd_sim.plant_config import PlantConfig
 
@@ -25,7 +27,7 @@ class InnerSeam(TopicSeam):
     def __init__(self, node: ChainWithPlant, world: World, lockstep: bool) -> None:
         super().__init__(node, world, lockstep)
         self._chain = node
-        self._held = {"temperature": None}
+        self._held = {"temperature": np.full(len(world.joint_names), np.nan)}
         self._pending: tuple[int, Any] | None = None
 
     def send_temperature(self, stamp_ns: int, temperature: Any) -> None:

@@ -6,87 +6,22 @@ request, 1 internal fault, 2 bad configuration.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping
 from typing import Any
-
-from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Temperature
-from std_msgs.msg import String, UInt64
 
 from hd_control.core.errors import ConfigError
 from hd_control.core.parameters import ParameterSet
 from hd_control.core.robot import Robot
-from hd_control.nodes import topics
 from hd_control.nodes.gate_values import LIMITS, limits_block
-from hd_control.nodes.lifecycle_shell import ERROR, OK, WARN, Shell
+from hd_control.nodes.lifecycle_shell import OK, Shell
 from hd_control.nodes.process import run_node
 from hd_control.nodes.reset_service import serve_reset
-from hd_control.nodes.ros_loop import chain_qos, latched_qos, wait_matched
-from hd_control.nodes.stage_shell import Output
-from hd_control.record.cdr import ClockCodec, TemperatureCodec
-from hd_sim.nodes.command_input import CommandInput
+from hd_control.nodes.ros_loop import wait_matched
 from hd_sim.nodes.plant_parameters import PARAMETERS, plant_config
 from hd_sim.nodes.plant_turn import PlantTurn
+from hd_sim.nodes.topic_seam import TopicSeam, plant_status
 from hd_sim.nodes.world import World
 from hd_sim.plant_config import PlantConfig
-
-
-class TopicSeam:
-    """The plant's topics."""
-
-    def __init__(self, node: Shell, world: World, lockstep: bool) -> None:
-        names = world.joint_names
-        self._node, self._world, self._dt_ns = node, world, node.dt_ns
-        self._outputs = [(topic, Output(node, topic, names)) for topic in topics.SENSORS]
-        self.sensor_publishers = [output.publisher for _, output in self._outputs]
-        self._temperature = node.create_publisher(Temperature, topics.TEMPERATURE, chain_qos(2 * len(names)))
-        self._temperature_codecs = [TemperatureCodec(name) for name in names]
-        self._clock = node.create_publisher(Clock, topics.CLOCK, chain_qos()) if lockstep else None
-        self._clock_codec = ClockCodec()
-        self._progress = node.create_publisher(UInt64, "~/progress", latched_qos())
-        self._description = node.create_publisher(String, topics.DESCRIPTION, latched_qos())
-        self._description.publish(String(data=node.robot.urdf))
-        self.commands = CommandInput(node, names, node.group, lambda: world.seam.stopped)
-        self._behind = node.create_subscription(
-            UInt64, topics.PROGRESS, lambda _: None, latched_qos(), callback_group=node.group
-        )
-        self._recorded = -1
-
-    def send(self, tick: int, stamp_ns: int, sensors: Any) -> None:
-        if self._clock is not None:
-            self._clock.handle.publish_raw(self._clock_codec.encode(stamp_ns))
-        for topic, output in self._outputs:
-            output.publish(stamp_ns, sensors[topic])
-
-    def send_temperature(self, stamp_ns: int, temperature: Any) -> None:
-        for codec, name, value in zip(self._temperature_codecs, self._world.joint_names, temperature, strict=True):
-            self._temperature.handle.publish_raw(codec.encode(stamp_ns, name, temperature=value))
-
-    def collect(self, timeout_ns: int) -> None:
-        if timeout_ns > 0:
-            self._node.loop.waiter.wait((self.commands.subscription.handle,), timeout_ns)
-        self.commands.drain(self._use)
-
-    def _use(self, joints: Any, torque: Any, stamp_ns: int) -> None:
-        self._world.command(joints, torque, (stamp_ns + self._dt_ns // 2) // self._dt_ns)
-
-    def recorded(self) -> int:
-        while (taken := self._behind.handle.take_message(UInt64, False)) is not None:
-            self._recorded = taken[0].data
-        return self._recorded
-
-    def progress(self, tick: int) -> None:
-        self._progress.publish(UInt64(data=tick))
-
-    def destroy(self) -> None:
-        """Removes the topics."""
-        for publisher in (*self.sensor_publishers, self._temperature, self._progress, self._description):
-            self._node.destroy_publisher(publisher)
-        for subscription in (self.commands.subscription, self._behind):
-            self._node.destroy_subscription(subscription)
-        if self._clock is not None:
-            self._node.destroy_publisher(self._clock)
 
 
 class PlantNode(Shell):
@@ -141,20 +76,10 @@ class PlantNode(Shell):
         return plant_status(self.turn, self.world, self.seam)
 
 
-def plant_status(turn: PlantTurn, world: World, seam: TopicSeam) -> tuple[bytes, str, dict[str, Any]]:
-    """Level, one line and values for diagnostics."""
-    stop, values = world.report()
-    turn.statistics.foreign = seam.commands.foreign
-    values = turn.statistics.summary() | values | {"tick": turn.tick, "skipped": turn.skipped}
-    if stop or turn.fault:
-        return ERROR, "; ".join(filter(None, [turn.fault, stop])), values
-    return (WARN, "late or foreign commands", values) if world.seam.late or turn.statistics.foreign else (OK, "", values)
-
-
-def main() -> int:
-    """Entry point."""
-    return run_node(PlantNode)
+def main() -> None:
+    """Entry point; ends the process with the exit code."""
+    run_node(PlantNode)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

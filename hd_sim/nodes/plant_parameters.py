@@ -34,18 +34,44 @@ PARAMETERS = ParameterSet(
     "plant_node",
     (
         Parameter("plant", "plant file: shipped name or path", kind=str, change=Change.FIXED),
-        Parameter("clock", "wall: period by deadlines; lockstep: wait for the command of each tick", kind=str,
-                  choices=CLOCKS, change=Change.FIXED),  # fmt: skip
-        Parameter("seed", "seed of the sensor noise and of hidden effects", kind=int, low=0, high=2**31, change=Change.FIXED),
+        Parameter(
+            "clock",
+            "wall: period by deadlines; lockstep: wait for the command of each tick",
+            kind=str,
+            choices=CLOCKS,
+            change=Change.FIXED,
+        ),
+        Parameter(
+            "seed", "seed of the sensor noise and of hidden effects", kind=int, low=0, high=2**31, change=Change.FIXED
+        ),
         Parameter("nominal", "strip the plant of everything beyond the usual model", kind=bool, change=Change.FIXED),
-        Parameter("hide", "effects to add, joint:effect:strength; an empty text adds none", kind=str, shape=Shape.LIST,
-                  change=Change.FIXED),  # fmt: skip
+        Parameter(
+            "hide",
+            "effects to add, joint:effect:strength; an empty text adds none",
+            kind=str,
+            shape=Shape.LIST,
+            change=Change.FIXED,
+        ),
         Parameter("stop_after_tick", "ticks to run; 0: endless", kind=int, low=0, high=2**53, change=Change.HOT),
-        Parameter("pause_at_tick", "lock-step waits before this tick until the value is raised; -1: never", kind=int,
-                  low=-1, high=2**53, change=Change.HOT),  # fmt: skip
-        Parameter("lockstep_timeout", "longest wait for a command in lock-step", "s", low=0.01, high=3600.0, change=Change.HOT),
-        Parameter("lockstep_recorder_lag", "ticks that a recorder may lag in lock-step; 0: no recorder is waited for",
-                  kind=int, low=0, high=100_000, change=Change.FIXED),  # fmt: skip
+        Parameter(
+            "pause_at_tick",
+            "lock-step waits before this tick until the value is raised; -1: never",
+            kind=int,
+            low=-1,
+            high=2**53,
+            change=Change.HOT,
+        ),
+        Parameter(
+            "lockstep_timeout", "longest wait for a command in lock-step", "s", low=0.01, high=3600.0, change=Change.HOT
+        ),
+        Parameter(
+            "lockstep_recorder_lag",
+            "ticks that a recorder may lag in lock-step; 0: no recorder is waited for",
+            kind=int,
+            low=0,
+            high=100_000,
+            change=Change.FIXED,
+        ),
     ),
     (_hide_rule,),
 )
@@ -56,7 +82,7 @@ def plant_config(values: Mapping[str, Any]) -> PlantConfig:
     config = PlantConfig.from_file(values["plant"])
     if abs(config.period - values["period"]) > 1e-12:
         raise ConfigError(
-            f"period: {values['period']:g} s, but plant {values['plant']} has {config.period:g} s; set period to the same"
+            f"period: {values['period']:g} s, but plant {values['plant']} has {config.period:g} s; set period"
         )
     if values["nominal"]:
         config = nominal(config)

@@ -1,7 +1,7 @@
 """The plant's fast loop: wall clock with absolute deadlines, or lock-step that waits for the command of each tick.
 
-Tick k: the command of tick k-1 is latched, the sensors are sampled and published with stamp k * period, then [k, k+1) is
-integrated while the control chain computes. In lock-step tick k+1 waits for the complete command of tick k.
+Tick k: the command of tick k-1 is latched, the sensors are sampled and published with stamp k * period, then
+[k, k+1) is integrated while the control chain computes. In lock-step tick k+1 waits for the complete command of tick k.
 """
 
 from __future__ import annotations
@@ -103,6 +103,7 @@ class PlantTurn:
             self._ask_again = self._waiting_since + ASK_AGAIN_NS
         if self._world.seam.complete(tick):
             self._impatient = False
+            self.statistics.answer(time.monotonic_ns() - self._waiting_since)
             self._finish(tick)
             return
         limit = IMPATIENT_NS if self._impatient else self.timeout_ns
@@ -115,7 +116,9 @@ class PlantTurn:
             return
         if not self._impatient:
             missing = ", ".join(self._world.missing(tick))
-            self.fault = f"no command of tick {tick} for {missing} within {limit / 1e9:g} s; check the torque node, then reset"
+            self.fault = (
+                f"no command of tick {tick} for {missing} within {limit / 1e9:g} s; check the torque node, then reset"
+            )
         self._impatient = True
         self._finish(tick)
 
@@ -143,6 +146,8 @@ class PlantTurn:
         left = self._deadline - time.monotonic_ns()
         if left > 0 and not self._world.seam.complete(self.tick - 1):
             self._seam.collect(left)
+            if self._world.seam.complete(self.tick - 1):
+                self.statistics.answer(time.monotonic_ns() - self._waiting_since)
             return
         sleep_until(self._deadline)
         self._seam.collect(0)

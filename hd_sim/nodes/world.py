@@ -29,7 +29,7 @@ class World:
         self.reset_answer: list[str] | None = None
 
     def measure(self, tick: int) -> tuple[dict[str, dict[str, FloatArray]], FloatArray]:
-        """Gives the drives their torque for this tick and reads the sensors: arrays by topic, and temperatures in °C."""
+        """Gives the drives their torque for this tick and reads the sensors: arrays by topic, temperatures in °C."""
         if self.reset_asked:
             self._reset()
         _, faults = self.seam.latch(tick)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+
 from hd_control.control.trajectory import Goal, quintic_move
 from hd_control.nodes.run_plan import RunPlan
 from hd_control.nodes.session import Session
@@ -18,8 +19,9 @@ PAUSE, GOAL_TICK, END = 40, 60, 400
 
 
 def a_goal() -> Goal:
-    """All joints by 0.05 rad at 0.3 rad/s."""
-    return replace(quintic_move(JOINTS, START, START + 0.05, 0.3, "move"), start_tick=GOAL_TICK)
+    """All joints by 0.05 rad at 0.3 rad/s; times in whole nanoseconds, as a message carries them."""
+    goal = quintic_move(JOINTS, START, START + 0.05, 0.3, "move")
+    return replace(goal, start_tick=GOAL_TICK, times=np.round(goal.times, 9))
 
 
 def run_with_goal(session: Session, end: int = END) -> None:

@@ -10,10 +10,11 @@ import time
 from pathlib import Path
 
 import pytest
+from node_runs import random_domain
+
 from hd_control.nodes.children import child_environment
 from hd_control.nodes.run_plan import MODULES, RunPlan
 from hd_control.nodes.session import Session
-from node_runs import random_domain
 
 pytestmark = pytest.mark.process
 ROOT = Path(__file__).resolve().parents[2]
@@ -57,8 +58,14 @@ def test_ctrl_c_leaves_no_process(tmp_path: Path) -> None:
         "    print(*(session.pid(process.node) for process in session.processes), flush=True)\n"
         "    time.sleep(60)\n"
     )
-    process = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-                               env=child_environment(), cwd=ROOT)  # fmt: skip
+    process = subprocess.Popen(
+        [sys.executable, "-c", script],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=child_environment(),
+        cwd=ROOT,
+    )
     assert process.stdout is not None
     pids = [int(text) for text in process.stdout.readline().split()]
     assert len(pids) == 4 and all(Path(f"/proc/{pid}").exists() for pid in pids)
@@ -77,16 +84,26 @@ def test_ctrl_c_leaves_no_process(tmp_path: Path) -> None:
     ],
 )
 def test_bad_configuration_is_one_line_and_exit_code_2(node: str, arguments: list[str], words: list[str]) -> None:
-    done = subprocess.run([sys.executable, "-m", MODULES[node], "--ros-args", *arguments], capture_output=True, text=True,
-                          timeout=30.0, env=child_environment(random_domain(), False), check=False)  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-m", MODULES[node], "--ros-args", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=30.0,
+        env=child_environment(random_domain(), False),
+        check=False,
+    )
     lines = [line for line in done.stderr.splitlines() if line.startswith("error:")]
     assert done.returncode == 2 and len(lines) == 1 and "Traceback" not in done.stderr, done.stderr
     assert all(word in lines[0] for word in words), lines[0]
 
 
 def test_a_node_stops_on_sigterm_with_code_0() -> None:
-    process = subprocess.Popen([sys.executable, "-m", MODULES["fusion_node"], "--ros-args", "-p", "autostart:=true"],
-                               env=child_environment(random_domain(), False), stderr=subprocess.PIPE, text=True)  # fmt: skip
+    process = subprocess.Popen(
+        [sys.executable, "-m", MODULES["fusion_node"], "--ros-args", "-p", "autostart:=true"],
+        env=child_environment(random_domain(), False),
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     assert process.stderr is not None
     line = process.stderr.readline()
     assert "run " in line, line

@@ -8,10 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from node_runs import JOINTS, PAUSE, a_goal, random_domain
+
 from hd_control.core.errors import GoalError
 from hd_control.nodes.run_plan import RunPlan
 from hd_control.nodes.session import Session
-from node_runs import JOINTS, PAUSE, a_goal, random_domain
 
 TERMS = (
     "inertia_torque",
@@ -28,7 +29,9 @@ pytestmark = pytest.mark.process
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Session]:
-    plan = RunPlan(lockstep=True, parameters={"plant_node": {"pause_at_tick": PAUSE}, "torque_node": {"introspection": True}})
+    plan = RunPlan(
+        lockstep=True, parameters={"plant_node": {"pause_at_tick": PAUSE}, "torque_node": {"introspection": True}}
+    )
     with Session(plan, random_domain(), tmp_path_factory.mktemp("logs")) as running:
         running.activate()
         running.wait_until_tick(PAUSE)
@@ -112,3 +115,13 @@ def test_a_new_goal_is_accepted_and_followed(session: Session) -> None:
     assert answer == f"accepted again start_tick {goal.start_tick} end_tick {goal.start_tick + 313}"
     session.run_to(goal.start_tick + 350)
     session.wait_for(lambda: session.diagnostics("motion_node").get("moving") == "False", 10.0, "the goal did not end")
+
+
+def test_deactivated_nodes_accept_what_they_refused_and_run_again(session: Session) -> None:
+    session.deactivate()
+    assert session.set_parameters("torque_node", {"rate_source": "error_filter"}) == ""
+    assert session.set_parameters("torque_node", {"rate_source": "plain"}) == ""
+    session.activate_again()
+    start = session.tick()
+    session.run_to(start + 100)
+    assert session.tick() >= start + 100

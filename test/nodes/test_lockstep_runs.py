@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hd_control.record.reader import BagReader
+from node_runs import END, GOAL_TICK, JOINTS, PAUSE, START, a_goal, record
 
-from node_runs import END, GOAL_TICK, JOINTS, START, record
+from hd_control.record.reader import BagReader
+from hd_sim.plant_config import PlantConfig
+from hd_sim.runner import Runner, RunSetup
 
 pytestmark = pytest.mark.process
 CHAIN_TOPICS = (
@@ -76,3 +78,13 @@ def test_one_thread_gives_the_same_torques(four_processes: Path, tmp_path: Path)
     chain = record(tmp_path, nodes=("chain",))
     assert np.all(np.isfinite(command(chain))), "a message was lost"
     assert command(four_processes).tobytes() == command(chain).tobytes()
+
+
+def test_the_runner_without_ros_gives_the_same_torques(four_processes: Path) -> None:
+    runner = Runner(RunSetup(PlantConfig.from_file("arm_a")))
+    rows = []
+    for tick in range(END):
+        if tick == PAUSE:
+            runner.offer(a_goal())
+        rows.append(runner.step()["motor_torque_command"]["effort"].copy())
+    assert command(four_processes).tobytes() == np.array(rows).tobytes()

@@ -6,14 +6,17 @@ import ast
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
 from hd_control.core.errors import ConfigError
 from hd_control.core.faults import Action, Fault, FaultCode
+from hd_control.core.parameters import Parameter, ParameterSet, Shape
 from hd_control.nodes.fault_book import FaultBook
 from hd_control.nodes.joiner import Joiner
 from hd_control.nodes.loop_statistics import LoopStatistics
+from hd_control.nodes.node_parameters import for_joints
 from hd_control.nodes.run_plan import RunPlan
-from hypothesis import given
-from hypothesis import strategies as st
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -99,6 +102,15 @@ def test_one_torque_node_per_joint_group() -> None:
     assert 'joints:=["joint_2", "joint_3"]' in processes[1].ros_arguments()
 
 
+def test_shipped_lists_are_cut_to_the_robot_by_name() -> None:
+    per_joint = Parameter("gain", "a gain", shape=Shape.PER_JOINT)
+    names = Parameter("joint_names", "names", kind=str, shape=Shape.LIST)
+    both = ParameterSet("x", (names, per_joint, Parameter("scale", "one number")))
+    values = {"joint_names": ["a", "b", "c"], "gain": [1.0, 2.0, 3.0], "scale": 4.0}
+    assert for_joints(values, both, ["c", "a"]) == {"joint_names": ["c", "a"], "gain": [3.0, 1.0], "scale": 4.0}
+    assert for_joints(values, both, ["d"]) == values
+
+
 def test_an_unknown_node_is_refused() -> None:
     with pytest.raises(ConfigError, match="no node 'torque'"):
         RunPlan(nodes=("torque",))
@@ -112,5 +124,7 @@ def test_rclpy_is_imported_by_nodes_only() -> None:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            strangers += [f"{path}: {name}" for name in names if name.split(".")[0] in ("rclpy", "sensor_msgs", "std_msgs")]
+            strangers += [
+                f"{path}: {name}" for name in names if name.split(".")[0] in ("rclpy", "sensor_msgs", "std_msgs")
+            ]
     assert not strangers
