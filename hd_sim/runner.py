@@ -7,7 +7,7 @@ lock-step run over ROS give the same torques, bit for bit.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -83,10 +83,15 @@ class Runner:
         self._temperature: FloatArray = np.zeros(robot.joints)
 
     def offer(self, goal: Goal) -> None:
-        """Checks a goal against the present state and hands it over for the next tick. Raises GoalError."""
+        """Checks a goal against the present state and hands it over; without a start tick it starts with the next one.
+
+        Raises GoalError.
+        """
         follower = self.motion.follower
         if follower is None:
             raise ConfigError("the first tick must run before a goal is given")
+        if goal.start_tick is None:
+            goal = replace(goal, start_tick=self.tick)
         measured = self.motion.sample.joint_position.copy()
         self.motion.hand_over(check_goal(goal, follower.copy(), self.goal_limits, measured, self.motion.tick))
 

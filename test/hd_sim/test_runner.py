@@ -1,5 +1,7 @@
 """The whole robot without ROS: it tracks, holds, repeats bit for bit, and keeps the truth out of the recording."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -96,6 +98,17 @@ def test_a_goal_before_the_first_tick_is_refused_and_a_far_one_too():
     far.positions[:, 2] += 5.0
     with pytest.raises(GoalError, match="HD-F22"):
         runner.offer(far)
+
+
+def test_a_goal_without_a_start_tick_starts_with_the_next_tick():
+    runner = Runner(RunSetup(PlantConfig.from_file("arm_a")))
+    runner.step()
+    goal = replace(_plan(runner, "coordinated").goals[0][1], start_tick=None)
+    runner.offer(goal)
+    for _ in range(400):
+        bus = runner.step()
+    assert runner.motion.late_goals == 0
+    assert np.all(bus["joint_reference"]["velocity"] > 0.1)
 
 
 def test_the_recording_holds_what_the_run_had(tmp_path):
