@@ -24,8 +24,9 @@ ALLOWED: dict[str, set[str]] = {
     "hd_control.bench": {"hd_control", "hd_sim"},
     "hd_control.cli": {"hd_control", "hd_sim"},
     "hd_sim": {"hd_control.core", "hd_sim"},
-    # A scenario says where the arm shall go, in the words of the goals; the record of a run is written by the runner.
+    # A scenario says where the arm shall go, in the words of the goals; a recording of a run stores these goals.
     "hd_sim.scenario": {"hd_control.core", "hd_control.control.trajectory", "hd_sim"},
+    "hd_sim.recording": {"hd_control.core", "hd_control.control.trajectory", "hd_control.record", "hd_sim"},
     # The seam stands for the drive's electronics, whose own gate is the last one before the motor.
     "hd_sim.drive_seam": {"hd_control.core", "hd_control.control.safety_gate", "hd_sim"},
     "hd_sim.runner": {"hd_control.core", "hd_control.control", "hd_control.sensing", "hd_control.record", "hd_sim"},
