@@ -41,8 +41,9 @@ FUSION = Wiring(
     },
     slow={"motor_temperature": (t.TEMPERATURE, "temperature")},
     outputs={
-        t.MOTOR_STATES: {"position": "motor_position", "velocity": "motor_velocity", "effort": "motor_torque"},
+        # The motion law waits for joint_states only, so they go first.
         t.JOINT_STATES: {"position": "joint_position", "velocity": "joint_velocity", "effort": "joint_torque"},
+        t.MOTOR_STATES: {"position": "motor_position", "velocity": "motor_velocity", "effort": "motor_torque"},
     },
 )
 MOTION = Wiring(

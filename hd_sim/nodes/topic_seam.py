@@ -40,10 +40,10 @@ class TopicSeam:
         self._recorded = -1
 
     def send(self, tick: int, stamp_ns: int, sensors: Any) -> None:
-        if self._clock is not None:
-            self._clock.handle.publish_raw(self._clock_codec.encode(stamp_ns))
         for topic, output in self._outputs:
             output.publish(stamp_ns, sensors[topic])
+        if self._clock is not None:
+            self._clock.handle.publish_raw(self._clock_codec.encode(stamp_ns))
 
     def send_temperature(self, stamp_ns: int, temperature: Any) -> None:
         for codec, name, value in zip(self._temperature_codecs, self._world.joint_names, temperature, strict=True):
