@@ -80,7 +80,7 @@ class PlantTurn:
 
     def _halted(self) -> bool:
         """True while the plant stands still on purpose."""
-        paused = 0 <= self.pause_at <= self.tick
+        paused = self._lockstep and 0 <= self.pause_at <= self.tick
         finished = 0 < self.stop_after <= self.tick - self.first_tick
         if not (paused or finished):
             return False
@@ -138,11 +138,11 @@ class PlantTurn:
     # Wall clock -----------------------------------------------------------------------------------------------------
 
     def _wall_turn(self) -> None:
-        if self._deadline < 0:
-            self._set_out()
         if self._halted():
             self._deadline = -1
             return
+        if self._deadline < 0:
+            self._set_out()
         left = self._deadline - time.monotonic_ns()
         if left > 0 and not self._world.seam.complete(self.tick - 1):
             self._seam.collect(left)
