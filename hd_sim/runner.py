@@ -56,13 +56,17 @@ class RunSetup:
             raise ConfigError(f"{node}: no parameter {unknown[0]!r}; there is {', '.join(parameters.names)}")
         return parameters.select({**shipped, **own}, self.config.robot.joint_names)
 
+    def all_values(self) -> dict[str, dict[str, Any]]:
+        """Complete values of every node that holds a law, by node name."""
+        return {node: self.node_values(node) for node in LAWS}
+
 
 class Runner:
     """One robot in lock-step. `tick` is the next tick to run."""
 
     def __init__(self, setup: RunSetup) -> None:
         robot, dt = setup.config.robot, setup.config.period
-        values = {node: setup.node_values(node) for node in LAWS}
+        values = setup.all_values()
         names = robot.joint_names
         limits = limits_block(str(setup.values.get("limits", {}).get("file", "limits.yaml")), names, dt)
         self.robot, self.period, self.tick = robot, dt, 0

@@ -64,52 +64,48 @@ def _sine(frequency: float, amplitude: float) -> Callable[[Context], motions.Mot
     return lambda context: motions.enveloped_sine(context.start, amplitude, frequency)
 
 
-def _catalogue() -> dict[str, Scenario]:
-    found = [
-        Scenario("rest", "hold the start position, 2 s", "arm_a", lambda c: motions.rest(c.start, 2.0)),
-        Scenario(
-            "step", "each joint 0.02 rad in 0.15 s, one after the other", "arm_a", lambda c: motions.steps(c.start)
-        ),
-        Scenario(
+def _arm_scenarios() -> list[Scenario]:
+    def scenario(name: str, meaning: str, build: Callable[[Context], motions.Motion]) -> Scenario:
+        return Scenario(name, meaning, "arm_a", build)
+
+    return [
+        scenario("rest", "hold the start position, 2 s", lambda c: motions.rest(c.start, 2.0)),
+        scenario("step", "each joint 0.02 rad in 0.15 s, one after the other", lambda c: motions.steps(c.start)),
+        scenario(
             "coordinated",
             "all joints +10, -10, +10 degrees, peak 0.4 rad/s (Zhu, Fig. 3)",
-            "arm_a",
             lambda c: motions.coordinated_moves(c.start, np.deg2rad(10.0), 0.4),
         ),
-        Scenario(
-            "slow",
-            "all joints at 0.001 rad/s (Zhu, Fig. 4)",
-            "arm_a",
-            lambda c: motions.constant_speed(c.start, 0.001, 21.0),
+        scenario(
+            "slow", "all joints at 0.001 rad/s (Zhu, Fig. 4)", lambda c: motions.constant_speed(c.start, 0.001, 21.0)
         ),
-        Scenario(
+        scenario(
             "excitation",
             "60 s for identification: triangular velocity, multisine, chirp",
-            "arm_a",
             lambda c: motions.excitation(c.start, c.velocity_limit, c.random),
         ),
-        Scenario(
+        scenario(
             "random",
             "ten random point-to-point moves",
-            "arm_a",
             lambda c: motions.random_moves(c.start, c.velocity_limit, c.random, 10),
         ),
     ]
-    for joint, cases in _TABLE_3.items():
-        for frequency, amplitude in cases:
-            label = f"{frequency:g}".replace(".", "p")
-            found.append(
-                Scenario(
-                    f"sine_joint_{joint}_{label}hz",
-                    f"single joint {joint}, {amplitude:g} rad at {frequency:g} Hz (Zhu, Table III)",
-                    f"single_joint_{joint}",
-                    _sine(frequency, amplitude),
-                )
-            )
-    return {scenario.name: scenario for scenario in found}
 
 
-SCENARIOS = _catalogue()
+def _single_joint_scenarios() -> list[Scenario]:
+    return [
+        Scenario(
+            f"sine_joint_{joint}_{frequency:g}hz".replace(".", "p"),
+            f"single joint {joint}, {amplitude:g} rad at {frequency:g} Hz (Zhu, Table III)",
+            f"single_joint_{joint}",
+            _sine(frequency, amplitude),
+        )
+        for joint, cases in _TABLE_3.items()
+        for frequency, amplitude in cases
+    ]
+
+
+SCENARIOS = {scenario.name: scenario for scenario in (*_arm_scenarios(), *_single_joint_scenarios())}
 
 
 def find_scenario(name: str) -> Scenario:

@@ -6,6 +6,10 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from hd_sim.plant_config import PlantConfig
+    from hd_sim.runner import Runner, RunSetup
     from hd_sim.scenario import Plan
     from hd_sim.truth import HiddenEffect
 
@@ -62,39 +66,57 @@ def _list(arguments: argparse.Namespace) -> int:
 
 
 def _simulate(arguments: argparse.Namespace) -> int:
-    from dataclasses import replace
     from pathlib import Path
 
-    from hd_control.cli.options import Progress, refuse_overwrite, say, write_json
-    from hd_control.core.errors import ConfigError
-    from hd_sim.plant_config import PlantConfig
-    from hd_sim.recording import RunRecording
+    from hd_control.cli.options import refuse_overwrite
     from hd_sim.runner import Runner, RunSetup
     from hd_sim.scenario import find_scenario, make_plan
-    from hd_sim.truth import apply_hidden, nominal, truth_of, write_seal
+    from hd_sim.truth import apply_hidden, truth_of, write_seal
 
     scenario = find_scenario(arguments.scenario)
     output = Path(arguments.output)
     refuse_overwrite(output, arguments.force)
-    config = PlantConfig.from_file(arguments.plant or scenario.plant)
-    if not 1 <= arguments.delay <= 17:
-        raise ConfigError(f"--delay: {arguments.delay} is outside [1, 17] samples")
-    config = replace(config, extra_delay_samples=config.extra_delay_samples + arguments.delay - 1)
-    visible = nominal(config) if arguments.nominal else config
-    effects = hidden_effects(arguments.hide, config.robot.joint_names)
-    config = apply_hidden(visible, effects, arguments.seed)
-    setup = RunSetup(config, arguments.seed, parameter_values(arguments.set))
-    runner = Runner(setup)
-    limit = runner.goal_limits.velocity
-    plan = make_plan(scenario, config.robot.joint_names, config.start_position, limit, config.period, arguments.seed)
+    visible = _plant(arguments, scenario.plant)
+    effects = hidden_effects(arguments.hide, visible.robot.joint_names)
     seal = Path(arguments.seal) if arguments.seal else output.with_name(output.name + ".seal")
     if effects:
         refuse_overwrite(seal, arguments.force)
-    notes = {"scenario": scenario.name, "plant": arguments.plant or scenario.plant, "seed": str(arguments.seed)}
-    notes |= {"clock": "lockstep", "period": repr(config.period), "command_delay_samples": str(arguments.delay)}
-    progress = Progress(arguments, plan.ticks, f"simulate {scenario.name}")
-    with RunRecording(output, config.robot, config.period, notes, arguments.force) as recording:
-        for node, values in _all_values(setup).items():
+    setup = RunSetup(apply_hidden(visible, effects, arguments.seed), arguments.seed, parameter_values(arguments.set))
+    runner = Runner(setup)
+    names, limit = visible.robot.joint_names, runner.goal_limits.velocity
+    plan = make_plan(scenario, names, visible.start_position, limit, visible.period, arguments.seed)
+    _record(arguments, setup, runner, plan, output)
+    if effects:
+        seal.unlink(missing_ok=True)
+        write_seal(seal, truth_of(visible, effects, arguments.seed))
+    return _report(arguments, output, seal if effects else None, plan, runner)
+
+
+def _plant(arguments: argparse.Namespace, default: str) -> PlantConfig:
+    """The plant before anything is hidden."""
+    from dataclasses import replace
+
+    from hd_control.core.errors import ConfigError
+    from hd_sim.plant_config import PlantConfig
+    from hd_sim.truth import nominal
+
+    config = PlantConfig.from_file(arguments.plant or default)
+    if not 1 <= arguments.delay <= 17:
+        raise ConfigError(f"--delay: {arguments.delay} is outside [1, 17] samples")
+    config = replace(config, extra_delay_samples=config.extra_delay_samples + arguments.delay - 1)
+    return nominal(config) if arguments.nominal else config
+
+
+def _record(arguments: argparse.Namespace, setup: RunSetup, runner: Runner, plan: Plan, output: Path) -> None:
+    """Runs the plan and writes the bag."""
+    from hd_control.cli.options import Progress
+    from hd_sim.recording import RunRecording
+
+    notes = {"scenario": arguments.scenario, "plant": arguments.plant or "", "seed": str(arguments.seed)}
+    notes |= {"clock": "lockstep", "period": repr(runner.period), "command_delay_samples": str(arguments.delay)}
+    progress = Progress(arguments, plan.ticks, f"simulate {arguments.scenario}")
+    with RunRecording(output, runner.robot, runner.period, notes, arguments.force) as recording:
+        for node, values in setup.all_values().items():
             recording.writer.attach(f"{node}.yaml", _params_text(values), "application/yaml")
         for tick, goal in plan.goals:
             recording.goal(tick, goal)
@@ -106,22 +128,22 @@ def _simulate(arguments: argparse.Namespace) -> int:
 
         runner.run(plan, observe)
     progress.close()
-    if effects:
-        seal.unlink(missing_ok=True)
-        write_seal(seal, truth_of(visible, effects, arguments.seed))
-    return _report(arguments, output, seal if effects else None, plan, runner, write_json, say)
 
 
-def _report(
-    arguments: argparse.Namespace, output: Any, seal: Any, plan: Plan, runner: Any, write_json: Any, say: Any
-) -> int:
+def _report(arguments: argparse.Namespace, output: Path, seal: Path | None, plan: Plan, runner: Runner) -> int:
+    from hd_control.cli.options import say, write_json
+
     stopped, values = runner.world.report()
     say(arguments, f"{output}: {plan.ticks} ticks of {runner.period * 1e3:g} ms")
     if seal is not None:
         say(arguments, f"{seal}: the truth, sealed")
     if stopped:
         say(arguments, f"the safety gate stopped the robot: {stopped}")
-    document = {"schema": "hd.simulate/1", "bag": str(output), "seal": None if seal is None else str(seal)}
+    document: dict[str, Any] = {
+        "schema": "hd.simulate/1",
+        "bag": str(output),
+        "seal": None if seal is None else str(seal),
+    }
     document |= {"ticks": plan.ticks, "window": plan.window, "stopped": stopped or None, "gate": values}
     write_json(arguments, document)
     return 1 if stopped else 0
@@ -160,12 +182,6 @@ def parameter_values(texts: list[str]) -> dict[str, dict[str, Any]]:
             raise ConfigError(f"--set {text}: expected NODE.PARAM=VALUE with NODE one of {', '.join(LAWS)}")
         found.setdefault(node, {})[parameter] = parse_yaml(value, f"--set {name}")
     return found
-
-
-def _all_values(setup: Any) -> dict[str, dict[str, Any]]:
-    from hd_sim.runner import LAWS
-
-    return {node: setup.node_values(node) for node in LAWS}
 
 
 def _params_text(values: dict[str, Any]) -> str:
