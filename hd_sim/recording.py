@@ -10,11 +10,11 @@ import numpy as np
 from hd_control.control.trajectory import Goal
 from hd_control.core.blocks import FloatArray
 from hd_control.core.robot import Robot
-from hd_control.nodes import topics
-from hd_control.nodes.stage import Bus
 from hd_control.record.cdr import TemperatureCodec, encode_message, encode_text, message_class
 from hd_control.record.schema import TRAJECTORY, joint_state_codec
 from hd_control.record.writer import BagWriter
+from hd_control.stages import topics
+from hd_control.stages.stage import Bus
 
 RUN_ID = "simulation_00000"
 """Run id in the frame_id of simulated messages: fixed, so that equal runs make equal bags."""

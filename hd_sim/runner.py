@@ -18,17 +18,17 @@ from hd_control.control.trajectory import Goal
 from hd_control.core.blocks import FloatArray
 from hd_control.core.errors import ConfigError
 from hd_control.core.parameters import ParameterSet
-from hd_control.nodes import topics
-from hd_control.nodes.gate_values import limits_block
-from hd_control.nodes.motion_stage import MotionStage
-from hd_control.nodes.node_parameters import shipped_values
-from hd_control.nodes.stage import Bus, Stage
-from hd_control.nodes.torque_stage import TorqueStage
-from hd_control.nodes.wiring import FUSION
 from hd_control.sensing import fusion
-from hd_sim.nodes.world import World
+from hd_control.stages import topics
+from hd_control.stages.gate_values import limits_block
+from hd_control.stages.motion_stage import MotionStage
+from hd_control.stages.node_parameters import shipped_values
+from hd_control.stages.stage import Bus, Stage
+from hd_control.stages.torque_stage import TorqueStage
+from hd_control.stages.wiring import FUSION
 from hd_sim.plant_config import PlantConfig
 from hd_sim.scenario import Plan
+from hd_sim.world import World
 
 LAWS: Mapping[str, Any] = {"fusion_node": fusion, "motion_node": motion, "torque_node": torque}
 TEMPERATURE_PERIOD = 0.1

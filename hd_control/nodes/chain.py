@@ -14,17 +14,17 @@ from rclpy.node import Node
 
 from hd_control.control import motion, torque
 from hd_control.core.parameters import Change, Parameter, ParameterSet
-from hd_control.nodes.gate_values import LIMITS, limits_block
 from hd_control.nodes.goal_desk import GoalDesk
-from hd_control.nodes.motion_stage import MotionStage
-from hd_control.nodes.node_parameters import CHAIN_PARTS, shipped_values
 from hd_control.nodes.process import run_node
 from hd_control.nodes.reset_service import serve_reset
-from hd_control.nodes.stage import Stage
 from hd_control.nodes.stage_shell import StageShell, own_values, prefixed
-from hd_control.nodes.torque_stage import TorqueStage
-from hd_control.nodes.wiring import FUSION
 from hd_control.sensing import fusion
+from hd_control.stages.gate_values import LIMITS, limits_block
+from hd_control.stages.motion_stage import MotionStage
+from hd_control.stages.node_parameters import CHAIN_PARTS, shipped_values
+from hd_control.stages.stage import Stage
+from hd_control.stages.torque_stage import TorqueStage
+from hd_control.stages.wiring import FUSION
 
 LAWS = {"fusion": fusion, "motion": motion, "torque": torque}
 WITH_PLANT = Parameter("with_plant", "run the simulated plant in the same thread", kind=bool, change=Change.FIXED)

@@ -8,10 +8,10 @@ from __future__ import annotations
 from typing import Any
 
 from hd_control.nodes.process import run_node
-from hd_control.nodes.stage import Stage
 from hd_control.nodes.stage_shell import StageShell
-from hd_control.nodes.wiring import FUSION
 from hd_control.sensing import fusion
+from hd_control.stages.stage import Stage
+from hd_control.stages.wiring import FUSION
 
 
 class FusionNode(StageShell):

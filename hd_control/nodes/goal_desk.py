@@ -12,11 +12,11 @@ from trajectory_msgs.msg import JointTrajectory
 from hd_control.control.goal_check import GoalLimits, check_goal
 from hd_control.control.trajectory import Goal
 from hd_control.core.errors import GoalError
-from hd_control.nodes import topics
 from hd_control.nodes.convert import goal_from_message
 from hd_control.nodes.lifecycle_shell import Shell
-from hd_control.nodes.motion_stage import MotionStage
 from hd_control.nodes.ros_loop import chain_qos, latched_qos
+from hd_control.stages import topics
+from hd_control.stages.motion_stage import MotionStage
 
 LEADS = (10, 40, 160, 640)
 """Ticks between the check and the start of a goal that starts now; the next one if the check took longer."""

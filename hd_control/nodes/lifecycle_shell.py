@@ -19,10 +19,10 @@ from std_msgs.msg import String
 from hd_control.core.errors import HdError
 from hd_control.core.parameters import ParameterSet
 from hd_control.core.robot import Robot
-from hd_control.nodes.node_parameters import COMMON, for_joints, shipped_values
 from hd_control.nodes.ros_loop import FastLoop, HandsOff, chain_qos, latched_qos
 from hd_control.nodes.ros_parameters import ParameterDesk
 from hd_control.record.cdr import ValuesCodec
+from hd_control.stages.node_parameters import COMMON, for_joints, shipped_values
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 

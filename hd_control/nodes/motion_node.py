@@ -12,10 +12,10 @@ from typing import Any
 
 from hd_control.control import motion
 from hd_control.nodes.goal_desk import GoalDesk
-from hd_control.nodes.motion_stage import MotionStage
 from hd_control.nodes.process import run_node
-from hd_control.nodes.stage import Stage
 from hd_control.nodes.stage_shell import StageShell
+from hd_control.stages.motion_stage import MotionStage
+from hd_control.stages.stage import Stage
 
 
 class MotionNode(StageShell):

@@ -16,7 +16,6 @@ from std_msgs.msg import UInt64
 from hd_control.core.errors import BagError, ConfigError
 from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
 from hd_control.core.resources import config_path
-from hd_control.nodes import topics
 from hd_control.nodes.lifecycle_shell import ERROR, OK, WARN, Shell
 from hd_control.nodes.process import run_node
 from hd_control.nodes.recorder_turn import RecordedTopic, RecorderTurn, topic_names
@@ -24,6 +23,7 @@ from hd_control.nodes.ros_loop import latched_qos
 from hd_control.record.recorder import Recorder
 from hd_control.record.schema import topic_info
 from hd_control.record.writer import BagWriter
+from hd_control.stages import topics
 
 ATTACHED = ("nodes.yaml", "fusion_node.yaml", "motion_node.yaml", "torque_node.yaml", "limits.yaml")
 

@@ -11,10 +11,10 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from hd_control.nodes.ros_loop import FastLoop, HandsOff
-from hd_control.nodes.topics import COMMAND, SENSORS
 from hd_control.record.cdr import JOINT_STATE
 from hd_control.record.recorder import Recorder
 from hd_control.record.schema import TOPICS, topic_info
+from hd_control.stages.topics import COMMAND, SENSORS
 
 BATCH_NS = 5_000_000
 SYNC_NS = 500_000_000

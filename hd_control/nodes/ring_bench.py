@@ -25,12 +25,12 @@ from typing import Any
 import numpy as np
 
 from hd_control.core.errors import HdError
-from hd_control.nodes import topics
 from hd_control.nodes.children import Children, child_environment
 from hd_control.nodes.process import stop_on_signals
 from hd_control.nodes.real_time import request_real_time, sleep_until
 from hd_control.nodes.run_plan import FOUR, RunPlan
 from hd_control.nodes.session import Session, log_folder
+from hd_control.stages import topics
 
 JOINTS = tuple(f"joint_{i}" for i in range(1, 8))
 HOPS = (

@@ -23,9 +23,9 @@ from sensor_msgs.msg import JointState, Temperature
 
 from hd_control.nodes.joiner import Joiner
 from hd_control.nodes.loop_statistics import LoopStatistics
-from hd_control.nodes.topics import TEMPERATURE
 from hd_control.record.cdr import TemperatureCodec
 from hd_control.record.schema import joint_state_codec
+from hd_control.stages.topics import TEMPERATURE
 
 WAIT_NS = 100_000_000
 

@@ -9,10 +9,10 @@ import numpy as np
 from sensor_msgs.msg import JointState
 
 from hd_control.core.parameters import ParameterSet
-from hd_control.nodes import topics
 from hd_control.nodes.lifecycle_shell import OK, Introspection, Shell
 from hd_control.nodes.ros_loop import JoinedTurn, RawInput, TemperatureInput, chain_qos, wait_matched
-from hd_control.nodes.stage import Bus, Stage
+from hd_control.stages import topics
+from hd_control.stages.stage import Bus, Stage
 
 
 class Output:

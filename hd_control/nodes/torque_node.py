@@ -10,12 +10,12 @@ from typing import Any
 
 from hd_control.control import torque
 from hd_control.core.parameters import ParameterSet
-from hd_control.nodes.gate_values import LIMITS, limits_block
 from hd_control.nodes.process import run_node
 from hd_control.nodes.reset_service import serve_reset
-from hd_control.nodes.stage import Stage
 from hd_control.nodes.stage_shell import StageShell
-from hd_control.nodes.torque_stage import TorqueStage
+from hd_control.stages.gate_values import LIMITS, limits_block
+from hd_control.stages.stage import Stage
+from hd_control.stages.torque_stage import TorqueStage
 
 
 class TorqueNode(StageShell):

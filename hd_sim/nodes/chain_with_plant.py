@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 
 from hd_control.core.robot import Robot
-from hd_control.nodes import topics
 from hd_control.nodes.chain import ChainNode
-from hd_control.nodes.gate_values import limits_block
 from hd_control.nodes.lifecycle_shell import Introspection
 from hd_control.nodes.ros_loop import wait_matched
 from hd_control.nodes.stage_shell import Output
+from hd_control.stages import topics
+from hd_control.stages.gate_values import limits_block
 from hd_sim.nodes.plant_parameters import PARAMETERS, plant_config
 from hd_sim.nodes.plant_turn import PlantTurn
 from hd_sim.nodes.topic_seam import TopicSeam, plant_status
-from hd_sim.nodes.world import World
 from hd_sim.plant_config import PlantConfig
+from hd_sim.world import World
 
 
 class InnerSeam(TopicSeam):

@@ -11,9 +11,9 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
-from hd_control.nodes import topics
 from hd_control.nodes.ros_loop import HandsOff, chain_qos
 from hd_control.record.cdr import JointStateCodec
+from hd_control.stages import topics
 
 
 @dataclass

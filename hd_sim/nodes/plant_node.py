@@ -12,16 +12,16 @@ from typing import Any
 from hd_control.core.errors import ConfigError
 from hd_control.core.parameters import ParameterSet
 from hd_control.core.robot import Robot
-from hd_control.nodes.gate_values import LIMITS, limits_block
 from hd_control.nodes.lifecycle_shell import OK, Shell
 from hd_control.nodes.process import run_node
 from hd_control.nodes.reset_service import serve_reset
 from hd_control.nodes.ros_loop import wait_matched
+from hd_control.stages.gate_values import LIMITS, limits_block
 from hd_sim.nodes.plant_parameters import PARAMETERS, plant_config
 from hd_sim.nodes.plant_turn import PlantTurn
 from hd_sim.nodes.topic_seam import TopicSeam, plant_status
-from hd_sim.nodes.world import World
 from hd_sim.plant_config import PlantConfig
+from hd_sim.world import World
 
 
 class PlantNode(Shell):

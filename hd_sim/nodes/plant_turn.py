@@ -14,7 +14,7 @@ from hd_control.core.blocks import FloatArray
 from hd_control.nodes.loop_statistics import LoopStatistics
 from hd_control.nodes.real_time import sleep_until
 from hd_control.nodes.ros_loop import WAIT_NS, FastLoop
-from hd_sim.nodes.world import World
+from hd_sim.world import World
 
 IMPATIENT_NS = 20_000_000
 """Wait per tick in lock-step once a command has been missing for the whole timeout."""

@@ -8,14 +8,14 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 from std_msgs.msg import String, UInt64
 
-from hd_control.nodes import topics
 from hd_control.nodes.lifecycle_shell import ERROR, OK, WARN, Shell
 from hd_control.nodes.ros_loop import chain_qos, latched_qos
 from hd_control.nodes.stage_shell import Output
 from hd_control.record.cdr import ClockCodec, TemperatureCodec
+from hd_control.stages import topics
 from hd_sim.nodes.command_input import CommandInput
 from hd_sim.nodes.plant_turn import PlantTurn
-from hd_sim.nodes.world import World
+from hd_sim.world import World
 
 
 class TopicSeam:

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from hd_control.core.errors import ConfigError
 from hd_control.core.faults import Action, Fault, FaultCode
 from hd_control.core.parameters import Parameter, ParameterSet, Shape
-from hd_control.nodes.fault_book import FaultBook
 from hd_control.nodes.joiner import Joiner
 from hd_control.nodes.loop_statistics import LoopStatistics
-from hd_control.nodes.node_parameters import for_joints
 from hd_control.nodes.run_plan import RunPlan
+from hd_control.stages.fault_book import FaultBook
+from hd_control.stages.node_parameters import for_joints
 
 ROOT = Path(__file__).resolve().parents[2]
 

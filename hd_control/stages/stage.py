@@ -9,7 +9,7 @@ import numpy as np
 
 from hd_control.core.blocks import Block, FloatArray
 from hd_control.core.robot import Robot
-from hd_control.nodes.wiring import Wiring
+from hd_control.stages.wiring import Wiring
 
 Bus = dict[str, dict[str, FloatArray]]
 """Arrays of the present tick by topic and name (`position`, `velocity`, `effort`), for all joints of the robot."""

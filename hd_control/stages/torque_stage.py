@@ -12,10 +12,10 @@ from hd_control.control import torque
 from hd_control.core.blocks import Block
 from hd_control.core.faults import FaultCode
 from hd_control.core.robot import Robot
-from hd_control.nodes import topics
-from hd_control.nodes.fault_book import FaultBook
-from hd_control.nodes.stage import ERROR, OK, Bus, Stage
-from hd_control.nodes.wiring import TORQUE
+from hd_control.stages import topics
+from hd_control.stages.fault_book import FaultBook
+from hd_control.stages.stage import ERROR, OK, Bus, Stage
+from hd_control.stages.wiring import TORQUE
 
 
 class TorqueStage(Stage):

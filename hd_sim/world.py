@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hd_control.core.blocks import Block, FloatArray
-from hd_control.nodes.fault_book import FaultBook
+from hd_control.stages.fault_book import FaultBook
 from hd_sim.drive_seam import DriveSeam
 from hd_sim.plant import Plant, PlantConfig
 

@@ -7,8 +7,8 @@ from typing import Any
 from hd_control.control import motion
 from hd_control.control.trajectory import Path, TrajectoryFollower
 from hd_control.core.robot import Robot
-from hd_control.nodes.stage import OK, Bus, Stage
-from hd_control.nodes.wiring import MOTION
+from hd_control.stages.stage import OK, Bus, Stage
+from hd_control.stages.wiring import MOTION
 
 
 class MotionStage(Stage):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from hd_control.nodes import topics as t
+from hd_control.stages import topics as t
 
 Source = tuple[str, str]
 """Topic and the array of its JointState."""
