@@ -5,8 +5,9 @@ same object, so a command meets the same treatment with and without ROS.
 
 Tick k: the newest command, normally that of tick k-1, is latched for [k, k+1), then the sensors are sampled, then the
 interval is integrated. A joint whose command is missing holds its last one; at the age limit of the gate every joint
-stops: torque ramps to zero and the brake closes. The brake is closed at the start and opens once the commanded torque
-leaves the gate unlimited, that is, when it carries the arm.
+stops: torque ramps to zero and the brake closes. The brake is closed at the start. The gate opens after a
+run of commands that came in time; the brake opens once the commanded torque leaves the gate unlimited, that is, when it
+carries the arm.
 """
 
 from __future__ import annotations
@@ -25,7 +26,9 @@ if TYPE_CHECKING:
     from hd_sim.plant import Plant
 
 FloatArray = NDArray[np.float64]
-NEVER = -1.0
+NEVER = -1
+ARMING_SAMPLES = 100
+"""Healthy commands in a row before the drives obey: processes that have just started are slow at first."""
 
 
 class DriveSeam:
@@ -39,6 +42,10 @@ class DriveSeam:
         self.command = np.zeros(limits.joints)
         self.command_tick = np.full(limits.joints, NEVER)
         self.brake_closed = True
+        self._oldest = self._newest = NEVER
+        self._open = False
+        self.healthy = 0
+        self._ticks, self._no_age = np.zeros(limits.joints), np.zeros(limits.joints)
         self.late = 0
         self.stale = 0
         _park(plant)
@@ -48,31 +55,50 @@ class DriveSeam:
         """True after a latched stop."""
         return bool(self.gate.stopped != 0.0)
 
+    @property
+    def armed(self) -> bool:
+        """True once the drives obey."""
+        return self._open
+
     def offer(self, joints: Sequence[int] | slice, torque: FloatArray, tick: int) -> None:
-        """Takes a command for some joints, N m; one that is not newer than the last is dropped and counted."""
-        if np.all(self.command_tick[joints] < tick):
-            self.command[joints] = torque
-            self.command_tick[joints] = tick
-        else:
+        """Takes a command for all joints (a slice) or some; one not newer than the last is dropped and counted."""
+        every = isinstance(joints, slice)
+        if (self._newest if every else self.command_tick[joints].max()) >= tick:
             self.stale += 1
+            return
+        self.command[joints] = torque
+        self.command_tick[joints] = tick
+        self._oldest = tick if every else int(self.command_tick.min())
+        self._newest = max(self._newest, tick)
 
     def complete(self, tick: int) -> bool:
         """True when every joint has its command of `tick`."""
-        return bool(np.all(self.command_tick >= tick))
+        return self._oldest >= tick
 
     def latch(self, tick: int) -> tuple[FloatArray, list[Fault]]:
         """Gives the drives their torque for [tick, tick+1). Returns it, (n,) N m, and the gate's faults."""
-        if self.gate.active == 0.0 and np.all(self.command_tick > NEVER):
-            self.gate = gate.activate(self.gate, self.limits, np.zeros(self.limits.joints))
-        ages = (tick - 1.0) - self.command_tick
-        self.late += int(self.gate.active != 0.0 and np.any(ages > 0.0))
-        ticks = np.full(self.limits.joints, float(tick))
+        if not self._open:
+            self._arm(tick)
+        if self._oldest >= tick - 1:
+            ages = self._no_age
+        else:
+            ages = (tick - 1.0) - self.command_tick
+            self.late += int(self._open)
+        self._ticks.fill(tick)
         torque, self.gate, faults = gate.safety_gate_compiled(
-            self.command, self.measured, np.maximum(ages, 0.0), ticks, self.limits, self.gate
+            self.command, self.measured, ages, self._ticks, self.limits, self.gate
         )
-        self._move_brake(torque)
+        if self.brake_closed or faults:
+            self._move_brake(torque)
         self.plant.latch(torque)
-        return torque, faults if self.gate.active != 0.0 else []
+        return torque, faults if self._open else []
+
+    def _arm(self, tick: int) -> None:
+        """Opens the gate after `ARMING_SAMPLES` ticks in a row with a command that was at most one sample late."""
+        self.healthy = self.healthy + 1 if self._oldest > NEVER and self._oldest >= tick - 2 else 0
+        if self.healthy >= ARMING_SAMPLES:
+            self.gate = gate.activate(self.gate, self.limits, np.zeros(self.limits.joints))
+            self._open = True
 
     def sample(self) -> Block:
         """The sensors now, after `latch`: the plant's sample block."""
@@ -89,9 +115,8 @@ class DriveSeam:
         return reasons
 
     def _move_brake(self, torque: FloatArray) -> None:
-        wanted = bool(self.gate.stopped != 0.0) or (
-            self.brake_closed and not (self.gate.active != 0.0 and np.array_equal(torque, self.command))
-        )
+        carried = self._open and np.array_equal(torque, self.command)
+        wanted = self.stopped or (self.brake_closed and not carried)
         if wanted != self.brake_closed:
             self.brake_closed = wanted
             self.plant.brake(wanted)

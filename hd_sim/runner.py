@@ -10,12 +10,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
-
 from hd_control.control import motion, torque
 from hd_control.control.goal_check import GoalLimits, check_goal
 from hd_control.control.trajectory import Goal
-from hd_control.core.blocks import FloatArray
 from hd_control.core.errors import ConfigError
 from hd_control.core.parameters import ParameterSet
 from hd_control.sensing import fusion
@@ -28,7 +25,7 @@ from hd_control.stages.torque_stage import TorqueStage
 from hd_control.stages.wiring import FUSION
 from hd_sim.plant_config import PlantConfig
 from hd_sim.scenario import Plan
-from hd_sim.world import World
+from hd_sim.world import World, sensor_arrays
 
 LAWS: Mapping[str, Any] = {"fusion_node": fusion, "motion_node": motion, "torque_node": torque}
 TEMPERATURE_PERIOD = 0.1
@@ -84,7 +81,6 @@ class Runner:
             stage.start()
         self.goal_limits = GoalLimits.from_values(values["motion_node"], robot)
         self._temperature_ticks = max(1, round(TEMPERATURE_PERIOD / dt))
-        self._temperature: FloatArray = np.zeros(robot.joints)
 
     def offer(self, goal: Goal) -> None:
         """Checks a goal against the present state and hands it over; without a start tick it starts with the next one.
@@ -102,13 +98,10 @@ class Runner:
     def step(self) -> Bus:
         """Runs one tick; returns the arrays of every topic, which the next tick may overwrite."""
         tick = self.tick
-        sensors, temperature = self.world.measure(tick)
-        bus: Bus = dict(sensors)
+        sample = self.world.measure(tick)
+        bus: Bus = sensor_arrays(sample)
         if tick % self._temperature_ticks == 0:
-            self._temperature = temperature
-            bus[topics.TEMPERATURE] = {"temperature": temperature}
-        elif tick == 0:
-            bus[topics.TEMPERATURE] = {"temperature": self._temperature}
+            bus[topics.TEMPERATURE] = {"temperature": sample.motor_temperature}
         for _, stage in self.stages:
             bus.update(stage.step(tick, bus))
         self.world.advance()

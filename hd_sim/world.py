@@ -1,4 +1,4 @@
-"""The world as a node sees it: topics in, topics out, tick by tick. Knows no ROS and reads no clock."""
+"""The world as the chain sees it: topics in, topics out, tick by tick. Knows no ROS and reads no clock."""
 
 from __future__ import annotations
 
@@ -18,6 +18,17 @@ SENSORS: Mapping[str, tuple[str, str]] = {
 }
 
 
+def sensor_arrays(sample: Block) -> dict[str, dict[str, FloatArray]]:
+    """The readings of a sample block as the arrays of each sensor topic."""
+    return {topic: {array: sample.view(name)} for topic, (array, name) in SENSORS.items()}
+
+
+def sensor_places(sample: Block) -> dict[str, dict[str, range]]:
+    """Where the numbers of each sensor topic lie in a sample block."""
+    slices = sample.layout.slices
+    return {t: {array: range(slices[name].start, slices[name].stop)} for t, (array, name) in SENSORS.items()}
+
+
 class World:
     """A plant behind its own safety gate, with the faults of that gate."""
 
@@ -28,16 +39,14 @@ class World:
         self.reset_asked = False
         self.reset_answer: list[str] | None = None
 
-    def measure(self, tick: int) -> tuple[dict[str, dict[str, FloatArray]], FloatArray]:
-        """Gives the drives their torque for this tick and reads the sensors: arrays by topic, temperatures in °C."""
+    def measure(self, tick: int) -> Block:
+        """Gives the drives their torque for this tick and reads the sensors: the plant's sample block."""
         if self.reset_asked:
             self._reset()
         _, faults = self.seam.latch(tick)
         if faults:
             self.faults.note(faults, tick)
-        sample = self.seam.sample()
-        arrays = {topic: {array: sample.view(name)} for topic, (array, name) in SENSORS.items()}
-        return arrays, sample.motor_temperature
+        return self.seam.sample()
 
     def advance(self) -> None:
         """Integrates one tick."""
@@ -47,13 +56,6 @@ class World:
         """Takes a command for some joints."""
         self.seam.offer(joints, torque, tick)
 
-    def skip(self, tick: int) -> None:
-        """A tick that nobody saw: the process overslept. The drives hold their torque; the gate sees the age."""
-        _, faults = self.seam.latch(tick)
-        if faults:
-            self.faults.note(faults, tick)
-        self.seam.advance()
-
     def missing(self, tick: int) -> list[str]:
         """Joints without a command of this tick."""
         return [name for name, seen in zip(self.joint_names, self.seam.command_tick, strict=True) if seen < tick]
@@ -62,7 +64,12 @@ class World:
         """The stop in one line, or an empty text, and values for diagnostics."""
         seam = self.seam
         values: dict[str, Any] = {"late": seam.late, "stale": seam.stale, "gate_stopped": seam.stopped}
-        values |= {"gate_stop_tick": self.faults.first_stop_tick, "brake_closed": seam.brake_closed}
+        values |= {
+            "armed": seam.armed,
+            "healthy_commands": seam.healthy,
+            "gate_stop_tick": self.faults.first_stop_tick,
+            "brake_closed": seam.brake_closed,
+        }
         text = (self.faults.headline(self.joint_names) or "stopped; call reset") if seam.stopped else ""
         return text, values | self.faults.values(self.joint_names)
 

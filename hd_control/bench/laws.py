@@ -10,7 +10,7 @@ import numpy as np
 
 from hd_control.bench.measure import Result, Timed, summarise, time_each
 from hd_control.control.safety_gate import safety_gate_compiled
-from hd_control.nodes.stage import Bus
+from hd_control.stages.stage import Bus
 from hd_sim.plant_config import PlantConfig
 from hd_sim.runner import Runner, RunSetup
 

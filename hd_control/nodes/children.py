@@ -43,10 +43,13 @@ class Children:
         self._environment = dict(environment)
         self.processes: dict[str, subprocess.Popen[Any]] = {}
 
-    def start(self, name: str, command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
-        """Starts one child. It gets SIGTERM from the kernel if this process dies."""
+    def start(
+        self, name: str, command: Sequence[str], environment: Mapping[str, str] | None = None, **options: Any
+    ) -> subprocess.Popen[Any]:
+        """Starts one child, with its own additions to the environment. It gets SIGTERM if this process dies."""
+        own = {**self._environment, **(environment or {})}
         process = subprocess.Popen(
-            list(command), env=self._environment, start_new_session=True, preexec_fn=_die_with_parent, **options
+            list(command), env=own, start_new_session=True, preexec_fn=_die_with_parent, **options
         )
         self.processes[name] = process
         return process

@@ -6,8 +6,10 @@ import time
 from array import array
 
 import numpy as np
+from numpy.typing import NDArray
 
-RING = 8192
+RING = 1024
+"""Ticks that percentiles are taken over: the last second at 1 kHz, and cheap enough to sort beside the loop."""
 PLAUSIBLE_AGE_NS = 10_000_000_000
 
 
@@ -58,13 +60,17 @@ class LoopStatistics:
         if count > 2:
             start = self.ticks % RING if self.ticks > RING else 0
             times = np.roll(np.array(self._times, dtype=np.int64), -start)[:count]
-            for name, values in (("period", np.diff(times)), ("busy", np.array(self._busy, dtype=np.int64)[:count])):
-                for label, q in (("p50", 50), ("p99", 99), ("max", 100)):
-                    found[f"{name}_{label}_us"] = float(np.percentile(values, q)) / 1000.0
-        answers = np.array(self._answers, dtype=np.int64)[: min(self._answer_count, RING)]
-        if len(answers):
-            found["answer_p50_us"], found["answer_p99_us"] = (
-                float(np.percentile(answers, q)) / 1000.0 for q in (50, 99)
-            )
+            _spread(found, "period", np.diff(times))
+            _spread(found, "busy", np.array(self._busy, dtype=np.int64)[:count])
+        if self._answer_count:
+            _spread(found, "answer", np.array(self._answers, dtype=np.int64)[: min(self._answer_count, RING)])
         self.max_age_ns = 0
         return found
+
+
+def _spread(found: dict[str, float], name: str, values: NDArray[np.int64]) -> None:
+    """Adds p50, p99 and maximum in µs; by one sort, because this runs beside the loop."""
+    ordered = np.sort(values)
+    last = len(ordered) - 1
+    for label, share in (("p50", 0.5), ("p99", 0.99), ("max", 1.0)):
+        found[f"{name}_{label}_us"] = float(ordered[round(share * last)]) / 1000.0

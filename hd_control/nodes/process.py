@@ -89,6 +89,7 @@ def _serve(node: Shell) -> int:
         node.start_by_itself()
     gc.collect()
     gc.freeze()
+    gc.set_threshold(100_000, 50, 100)  # the loop makes no cycles; a collection in it is a late tick
 
     def serve() -> None:
         while not node.loop.stopping:

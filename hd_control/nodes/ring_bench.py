@@ -142,19 +142,22 @@ class _FastRing(_Ring):
     def echo(self, hop: int) -> None:
         from sensor_msgs.msg import JointState
 
+        from hd_control.nodes.fast_messages import make_message
         from hd_control.nodes.ros_loop import FastLoop, HandsOff, JoinedTurn, RawInput, chain_qos
 
         source, target = HOPS[hop]
         loop = FastLoop(self.node)
-        out = topics.joint_state_codec(target, JOINTS)
-        publisher = self.node.create_publisher(JointState, target, chain_qos())
-        run_id = secrets.token_hex(8)
+        places = {array: range(len(JOINTS)) for array in topics.fields(target)}
+        encode = make_message(topics.joint_state_codec(target, JOINTS), secrets.token_hex(8), places).encode
+        publish = self.node.create_publisher(JointState, target, chain_qos()).handle.publish_raw
+        numbers = np.zeros(len(JOINTS))
 
-        def step(tick: int, stamp_ns: int, inputs: list[dict[str, Any]]) -> None:
-            numbers = next(iter(inputs[0].values()))
-            publisher.handle.publish_raw(out.encode(stamp_ns, run_id, **dict.fromkeys(topics.fields(target), numbers)))
+        def act(tick: int, stamp_ns: int) -> None:
+            publish(encode(stamp_ns, numbers))
 
-        turn = JoinedTurn(loop, [RawInput(self.node, source, JOINTS, HandsOff())], step, 1_000_000)
+        raw = RawInput(self.node, source, JOINTS, HandsOff())
+        destinations = [{topics.fields(source)[0]: [(numbers, range(len(JOINTS)))]}]
+        turn = JoinedTurn(loop, [raw], destinations, act, 1_000_000)
         turn.active = True
         stop_on_signals(loop.stop)
         loop.install(turn)
@@ -177,8 +180,8 @@ class _FastRing(_Ring):
         def wait(tick: int, deadline: int) -> bool:
             while (left := deadline - time.monotonic_ns()) > 0:
                 waiter.wait((back.subscription.handle,), left)
-                taken = back.take()
-                if taken is not None and taken[0] == tick * dt_ns:
+                data = back.take()
+                if data is not None and back.codec.stamp_ns(data) == tick * dt_ns:
                     return True
             return False
 

@@ -21,7 +21,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState, Temperature
 
-from hd_control.nodes.joiner import Joiner
+from hd_control import _messages
+from hd_control._messages import COMPLETE, FOREIGN, OTHER_LAYOUT, REPEATED, STORED
+from hd_control.nodes.fast_messages import Destinations, add_input
 from hd_control.nodes.loop_statistics import LoopStatistics
 from hd_control.record.cdr import TemperatureCodec
 from hd_control.record.schema import joint_state_codec
@@ -54,11 +56,7 @@ def latched_qos() -> QoSProfile:
 
 
 class RawInput:
-    """A JointState topic taken as bytes. The first run id seen is bound; messages of another one are foreign.
-
-    `joint_names` are all joints of the robot, in order. A message of any other layout is deserialised and mapped by
-    name, which costs ten times as much.
-    """
+    """A JointState topic taken as bytes. `joint_names` are all joints of the robot, in order."""
 
     def __init__(self, node: Node, topic: str, joint_names: Sequence[str], group: HandsOff, depth: int = 1) -> None:
         self.topic, self.joint_names = topic, tuple(joint_names)
@@ -67,41 +65,30 @@ class RawInput:
             JointState, topic, lambda _: None, chain_qos(depth), callback_group=group, raw=True
         )
         self._take = self.subscription.handle.take_message
-        self.run_id: str | None = None
         self.foreign = 0
 
-    def take(self) -> tuple[int, dict[str, Any]] | None:
-        """(stamp in ns, arrays by name) of the oldest message waiting, or None."""
-        while (taken := self._take(JointState, True)) is not None:
-            data = taken[0]
-            if self.codec.matches(data):
-                run_id = self.codec.frame_id(data)
-                if self.run_id is None:
-                    self.run_id = run_id
-                if run_id == self.run_id:
-                    return self.codec.decode(data)
-            elif (found := self._foreign_layout(data)) is not None:
-                return found
-            self.foreign += 1
-        return None
+    def take(self) -> bytes | None:
+        """The oldest message waiting, or None."""
+        taken = self._take(JointState, True)
+        return None if taken is None else taken[0]
 
-    def _foreign_layout(self, data: bytes) -> tuple[int, dict[str, Any]] | None:
-        """Another program's message: used only while no run id is bound, mapped by joint name."""
+    def translated(self, data: bytes) -> bytes | None:
+        """A message of another layout in the layout of this package, mapped by joint name; None if joints are missing.
+
+        This is for other programs' nodes; it costs ten times as much as reading the layout that is expected.
+        """
         message = deserialize_message(data, JointState)
         names = list(message.name)
-        if self.run_id not in (None, message.header.frame_id) or not set(self.joint_names) <= set(names):
+        if not set(self.joint_names) <= set(names):
             return None
-        self.run_id = message.header.frame_id
         order = [names.index(name) for name in self.joint_names]
         arrays = {}
-        for field in ("position", "velocity", "effort"):
-            numbers = np.array(getattr(message, field))
-            arrays[field] = numbers[order] if len(numbers) == len(names) else np.full(len(order), np.nan)
-        return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec, arrays
-
-    def release(self) -> None:
-        """Forgets the bound run id: the next publisher is accepted (activation and reset only)."""
-        self.run_id = None
+        for array in self.codec.fields:
+            numbers = np.array(getattr(message, array))
+            arrays[array] = numbers[order] if len(numbers) == len(names) else np.full(len(order), np.nan)
+        stamp_ns = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+        run_id = message.header.frame_id.encode("ascii", "replace").decode()
+        return self.codec.encode(stamp_ns, f"{run_id:.16}".ljust(16), **arrays)
 
 
 class TemperatureInput:
@@ -115,13 +102,15 @@ class TemperatureInput:
         self._take = self.subscription.handle.take_message
         self.values = {"temperature": np.full(len(joint_names), np.nan)}
 
-    def drain(self) -> dict[str, Any]:
-        """Takes what is waiting; returns the arrays for the bus."""
+    def drain(self) -> bool:
+        """Takes what is waiting into `values`; True if there was anything."""
+        found = False
         while (taken := self._take(Temperature, True)) is not None:
             for index, codec in enumerate(self._codecs):
                 if codec.matches(taken[0]):
                     self.values["temperature"][index] = codec.decode(taken[0])[1]["temperature"][0]
-        return self.values
+                    found = True
+        return found
 
 
 def wait_matched(subscriptions: Sequence[Any], publishers: Sequence[Any], timeout: float = 1.0) -> bool:
@@ -206,60 +195,71 @@ class FastLoop:
 
 
 class JoinedTurn:
-    """One turn of an event-driven node: wait, take, join by stamp, step.
+    """One turn of an event-driven node: wait, take, join by stamp, act.
 
-    `step(tick, stamp_ns, inputs)` gets the arrays of each input in order. It is called only while `active`; otherwise
-    messages are taken and dropped. The loop waits for the last missing input only: one wake-up per tick.
+    `destinations[i]` says where the arrays of input i go; they are written before `act(tick, stamp_ns)` is called; it
+    is called only while `active`; otherwise messages are taken and dropped. The loop waits for the last missing input
+    only: one wake-up per tick.
     """
 
     def __init__(
         self,
         loop: FastLoop,
         inputs: Sequence[RawInput],
-        step: Callable[[int, int, list[dict[str, Any] | None]], None],
+        destinations: Sequence[Destinations],
+        act: Callable[[int, int], None],
         dt_ns: int,
         optional: Collection[int] = (),
     ) -> None:
-        self._optional = tuple(optional)
-        self._loop, self._inputs, self._step, self._dt_ns = loop, tuple(inputs), step, dt_ns
-        self._half = dt_ns // 2
-        self._joiner = Joiner(len(inputs), self._optional)
-        self.statistics = LoopStatistics(dt_ns)
+        self._loop, self._inputs, self._step, self._dt_ns = loop, tuple(inputs), act, dt_ns
+        self._destinations, self._optional = tuple(destinations), tuple(optional)
+        self._handles = [(raw.subscription.handle,) for raw in self._inputs]
         self.active = False
         self.on_repeat: Callable[[], None] | None = None
+        self.restart()
+
+    def restart(self) -> None:
+        """Forgets ticks and bound run ids; called while not active."""
+        self.join = _messages.Join(self._dt_ns)
+        for index, (raw, places) in enumerate(zip(self._inputs, self._destinations, strict=True)):
+            add_input(self.join, raw.codec, places, index in self._optional)
+        self.statistics = LoopStatistics(self._dt_ns)
 
     def __call__(self) -> None:
-        joiner, inputs = self._joiner, self._inputs
-        self._loop.waiter.wait((inputs[joiner.last_missing()].subscription.handle,))
-        for index, raw in enumerate(inputs):
-            taken = raw.take()
-            if taken is not None and joiner.offer(index, (taken[0] + self._half) // self._dt_ns, taken):
-                self._act(joiner)
-        if joiner.repeated:
-            joiner.repeated = False
-            if self.active and self.on_repeat is not None:
-                self.on_repeat()
+        join = self.join
+        self._loop.waiter.wait(self._handles[join.last_missing()])
+        for index, raw in enumerate(self._inputs):
+            data = raw.take()
+            if data is not None:
+                outcome = join.offer(index, data)
+                if outcome == COMPLETE:
+                    self._act()
+                elif outcome != STORED:
+                    self._unusual(index, raw, data, outcome)
 
-    def _act(self, joiner: Joiner) -> None:
+    def _unusual(self, index: int, raw: RawInput, data: bytes, outcome: int) -> None:
+        if outcome == OTHER_LAYOUT:
+            translated = raw.translated(data)
+            outcome = FOREIGN if translated is None else self.join.offer(index, translated)
+            if outcome == COMPLETE:
+                self._act()
+        if outcome == FOREIGN:
+            raw.foreign += 1
+        elif outcome == REPEATED and self.active and self.on_repeat is not None:
+            self.on_repeat()
+
+    def _act(self) -> None:
         if not self.active:
             return
         started = time.monotonic_ns()
-        values = joiner.values()
-        stamp_ns = joiner.tick * self._dt_ns
-        statistics = self.statistics
+        tick, statistics = self.join.tick, self.statistics
+        stamp_ns = tick * self._dt_ns
         statistics.age(stamp_ns)
-        self._step(joiner.tick, stamp_ns, [None if value is None else value[1] for value in values])
-        statistics.incomplete = joiner.incomplete
-        statistics.tick(joiner.tick, started, time.monotonic_ns())
+        self._step(tick, stamp_ns)
+        statistics.incomplete = self.join.incomplete
+        statistics.tick(tick, started, time.monotonic_ns())
 
     @property
     def tick(self) -> int:
         """The newest tick seen; -1 before the first."""
-        return self._joiner.tick
-
-    def restart(self) -> None:
-        """Forgets ticks and bound run ids; called while not active."""
-        self._joiner = Joiner(len(self._inputs), self._optional)
-        for raw in self._inputs:
-            raw.release()
-        self.statistics = LoopStatistics(self._dt_ns)
+        return self.join.tick

@@ -12,6 +12,7 @@ Leaving the block stops every process, also on Ctrl-C. Must be entered from a th
 from __future__ import annotations
 
 import math
+import os
 import tempfile
 import time
 from collections.abc import Callable, Mapping
@@ -27,6 +28,7 @@ from hd_control.nodes.run_plan import NodeProcess, RunPlan
 
 START_TIMEOUT = 30.0
 CALL_TIMEOUT = 15.0
+CORE_OF_TWO = {"plant_node": "0", "torque_node": "0", "fusion_node": "1", "motion_node": "1"}
 
 
 class Session:
@@ -65,13 +67,26 @@ class Session:
                 self.logs.mkdir(parents=True, exist_ok=True)
                 stream = (self.logs / f"{process.node}.log").open("wb")
                 options = {"stdout": stream, "stderr": stream}
-            self._children.start(process.node, process.command(), **options)
+            self._children.start(process.node, process.command(), self._placement(process), **options)
         from hd_control.nodes.session_client import SessionClient
 
         prepare_environment()
         self._client = SessionClient(self.plan.namespace, self.domain)
         for process in self.processes:
             self._wait(lambda p=process: self.client.ready(p.path), START_TIMEOUT, f"{process.node} offers no services")
+
+    def _placement(self, process: NodeProcess) -> dict[str, str]:
+        """Which core and priority a process gets beyond the session's own environment.
+
+        The recorder never runs at real-time priority: it must not delay the chain. With two cores the chain is laid out
+        so that only two of its four hops wake the other core, which costs more than the work of a node on some machines.
+        `HD_AFFINITY` of the user goes before.
+        """
+        found = {"HD_REAL_TIME": "off"} if process.executable == "recorder_node" else {}
+        core = CORE_OF_TWO.get(process.executable)
+        if os.cpu_count() == 2 and core and not self.plan.lockstep and "HD_AFFINITY" not in os.environ:
+            found["HD_AFFINITY"] = core
+        return found
 
     def stop(self) -> dict[str, int]:
         """Stops all processes, the plant first; returns the exit codes. May be called again."""

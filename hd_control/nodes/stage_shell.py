@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from sensor_msgs.msg import JointState
 
+from hd_control.core.blocks import FloatArray
 from hd_control.core.parameters import ParameterSet
+from hd_control.nodes.fast_messages import make_message
 from hd_control.nodes.lifecycle_shell import OK, Introspection, Shell
 from hd_control.nodes.ros_loop import JoinedTurn, RawInput, TemperatureInput, chain_qos, wait_matched
 from hd_control.stages import topics
@@ -16,17 +18,22 @@ from hd_control.stages.stage import Bus, Stage
 
 
 class Output:
-    """A chain topic of some joints, published as bytes with the run id of the node."""
+    """A chain topic of some joints, published as bytes with the run id of the node.
 
-    def __init__(self, node: Shell, topic: str, joint_names: Sequence[str]) -> None:
+    `places` says where its arrays lie in the array of numbers that `publish` is given.
+    """
+
+    def __init__(
+        self, node: Shell, topic: str, joint_names: Sequence[str], places: Mapping[str, Sequence[int]]
+    ) -> None:
         self.publisher = node.create_publisher(JointState, topic, chain_qos(node.values["publisher_depth"]))
         self._publish = self.publisher.handle.publish_raw
-        self._encode = topics.joint_state_codec(topic, joint_names).encode
-        self._run_id = node.run_id
+        codec = topics.joint_state_codec(topic, joint_names)
+        self._encode = make_message(codec, node.run_id, places).encode
 
-    def publish(self, stamp_ns: int, arrays: Mapping[str, Any]) -> None:
-        """One message; `arrays` are the fields of the topic."""
-        self._publish(self._encode(stamp_ns, self._run_id, **arrays))
+    def publish(self, stamp_ns: int, numbers: FloatArray) -> None:
+        """One message."""
+        self._publish(self._encode(stamp_ns, numbers))
 
 
 def prefixed(parameters: ParameterSet, prefix: str) -> ParameterSet:
@@ -50,7 +57,9 @@ class StageShell(Shell):
         self.prefixes = tuple(prefixes)
         self.stages: list[Stage] = []
         self._turn: JoinedTurn | None = None
-        self._answer: Bus = {}
+        self.outputs: list[list[Output]] = []
+        self._optional: list[tuple[int, str]] = []
+        self._waived: list[tuple[int, str]] = []
         self._answer_stamp_ns = 0
         super().__init__(name, own)
 
@@ -74,23 +83,29 @@ class StageShell(Shell):
         wanted = list(
             dict.fromkeys(topic for stage in self.stages for topic in stage.wiring.inputs if topic not in made)
         )
-        late = {topic for stage in self.stages for topic in stage.wiring.optional}
         self.inputs = [RawInput(self, topic, self.robot.joint_names, self.group) for topic in wanted]
-        self.outputs = {
-            topic: Output(self, topic, stage.joint_names) for stage in self.stages for topic in stage.wiring.outputs
-        }
-        slow = any(stage.wiring.slow for stage in self.stages)
-        self.temperature = TemperatureInput(self, self.robot.joint_names, self.group) if slow else None
         self.introspection = Introspection(self, [name for stage in self.stages for name in stage.names()])
-        optional = [index for index, topic in enumerate(wanted) if topic in late]
-        self._turn = JoinedTurn(self.loop, self.inputs, self._tick, self.dt_ns, optional=optional)
+        self.outputs = [
+            [Output(self, topic, stage.joint_names, stage.outgoing_places(topic)) for topic in stage.wiring.outputs]
+            for stage in self.stages
+        ]
+        first = self.stages[0]
+        slow = bool(first.wiring.slow)
+        self.temperature = TemperatureInput(self, self.robot.joint_names, self.group) if slow else None
+        optional = [index for index, topic in enumerate(wanted) if topic in first.wiring.optional]
+        self._optional = [(index, wanted[index]) for index in optional]
+        destinations = [first.destinations(topic) for topic in wanted]
+        self._turn = JoinedTurn(self.loop, self.inputs, destinations, self._tick, self.dt_ns, optional=optional)
         self._turn.on_repeat = self._answer_again
         return self._turn
 
     def begin(self) -> None:
         assert self._turn is not None
-        wait_matched([raw.subscription for raw in self.inputs], [output.publisher for output in self.outputs.values()])
+        wait_matched([raw.subscription for raw in self.inputs], self.publishers)
         self._turn.restart()
+        self._waived = list(self._optional)
+        if self.temperature is not None:
+            self.stages[0].read_slow({topics.TEMPERATURE: self.temperature.values})
         for stage in self.stages:
             stage.start()
         self._turn.active = True
@@ -102,8 +117,8 @@ class StageShell(Shell):
     def dismantle(self) -> None:
         for raw in (*self.inputs, *filter(None, [self.temperature])):
             self.destroy_subscription(raw.subscription)
-        for output in self.outputs.values():
-            self.destroy_publisher(output.publisher)
+        for publisher in self.publishers:
+            self.destroy_publisher(publisher)
         if self.introspection is not None:
             self.introspection.destroy(self)
             self.introspection = None
@@ -112,29 +127,43 @@ class StageShell(Shell):
         for stage in self.stages:
             stage.emergency()
 
+    @property
+    def publishers(self) -> list[Any]:
+        """Publishers of all stages."""
+        return [output.publisher for outputs in self.outputs for output in outputs]
+
     def _answer_again(self) -> None:
         """The sender of the present tick has no answer yet: a message was lost while nodes were finding each other."""
-        for topic, arrays in self._answer.items():
-            self.outputs[topic].publish(self._answer_stamp_ns, arrays)
+        for stage, outputs in zip(self.stages, self.outputs, strict=True):
+            for output in outputs:
+                output.publish(self._answer_stamp_ns, stage.outgoing)
 
-    def run_stages(self, tick: int, stamp_ns: int, bus: Bus) -> Bus:
-        """All stages on one bus; each result is published as soon as it is there."""
-        answer: Bus = {}
-        for stage in self.stages:
-            for topic, arrays in stage.step(tick, bus).items():
-                self.outputs[topic].publish(stamp_ns, arrays)
-                bus[topic] = answer[topic] = arrays
-        self._answer, self._answer_stamp_ns = answer, stamp_ns
+    def run_stages(self, tick: int, stamp_ns: int, bus: Bus) -> None:
+        """All stages in a row, each result published as soon as it is there. The first stage has its inputs already."""
+        last = len(self.stages) - 1
+        for index, stage in enumerate(self.stages):
+            if index > 0:
+                stage.read(bus)
+            stage.act(tick)
+            numbers = stage.outgoing
+            for output in self.outputs[index]:
+                output.publish(stamp_ns, numbers)
+            if index < last:
+                bus.update(stage.results())
+        self._answer_stamp_ns = stamp_ns
         introspection = self.introspection
         if introspection is not None and introspection.on:
             introspection.publish(np.concatenate([part for stage in self.stages for part in stage.numbers()]))
-        return bus
 
-    def _tick(self, tick: int, stamp_ns: int, inputs: list[dict[str, Any] | None]) -> None:
-        bus: Bus = {raw.topic: arrays for raw, arrays in zip(self.inputs, inputs, strict=True) if arrays is not None}
-        if self.temperature is not None:
-            bus[topics.TEMPERATURE] = self.temperature.drain()
-        self.run_stages(tick, stamp_ns, bus)
+    def _tick(self, tick: int, stamp_ns: int) -> None:
+        first, turn = self.stages[0], self._turn
+        if self.temperature is not None and self.temperature.drain():
+            first.read_slow({topics.TEMPERATURE: self.temperature.values})
+        if self._waived and turn is not None:
+            self._waived = [(index, topic) for index, topic in self._waived if not turn.join.seen(index)]
+            for _, topic in self._waived:
+                first.absent(topic)
+        self.run_stages(tick, stamp_ns, {})
 
     def status(self) -> tuple[bytes, str, dict[str, Any]]:
         values: dict[str, Any] = {}

@@ -30,8 +30,14 @@ CLOCK = "rosgraph_msgs/msg/Clock"
 class JointStateCodec(FixedCodec):
     """sensor_msgs/JointState with fixed names; fields switched off are empty arrays in the message."""
 
-    def __init__(self, joint_names: Sequence[str], frame_id_length: int = RUN_ID_LENGTH, position: bool = True,
-                 velocity: bool = False, effort: bool = False) -> None:
+    def __init__(
+        self,
+        joint_names: Sequence[str],
+        frame_id_length: int = RUN_ID_LENGTH,
+        position: bool = True,
+        velocity: bool = False,
+        effort: bool = False,
+    ) -> None:
         template, places = Template(), {}
         stamp_at = template.put(bytes(8), fixed=False)
         frame_at = template.text(b" " * frame_id_length, fixed=False)
@@ -148,7 +154,10 @@ def _clock_of(cursor: _Cursor) -> FixedCodec:
 
 
 _MAKERS: dict[str, Callable[[_Cursor], FixedCodec]] = {
-    JOINT_STATE: _joint_state_of, TEMPERATURE: _temperature_of, VALUES: _values_of, CLOCK: _clock_of
+    JOINT_STATE: _joint_state_of,
+    TEMPERATURE: _temperature_of,
+    VALUES: _values_of,
+    CLOCK: _clock_of,
 }
 
 
@@ -193,5 +202,3 @@ def new_run_id() -> str:
     import secrets
 
     return secrets.token_hex(RUN_ID_LENGTH // 2)
-
-

@@ -109,8 +109,9 @@ def _layouts(type_name: str, block: Block, codec: FixedCodec | None) -> Iterator
                 continue
         tries += 1
         looked_at = left if tries <= MAX_LAYOUTS else left[:1]
-        fits = _records.match(block.buffer, block.offset[looked_at], block.length[looked_at], codec.fixed_bytes,
-                              codec.mask_bytes, SURPLUS)
+        fits = _records.match(
+            block.buffer, block.offset[looked_at], block.length[looked_at], codec.fixed_bytes, codec.mask_bytes, SURPLUS
+        )
         if fits.any():
             yield codec, looked_at[fits]
             left = np.concatenate([looked_at[~fits], left[len(looked_at) :]])

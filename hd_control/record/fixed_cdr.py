@@ -78,8 +78,14 @@ class FixedCodec:
     `encode` reuses one template: a codec belongs to one thread.
     """
 
-    def __init__(self, type_name: str, template: Template, places: Mapping[str, tuple[int, int]],
-                 stamp_at: int | None = None, frame: tuple[int, int] | None = None) -> None:
+    def __init__(
+        self,
+        type_name: str,
+        template: Template,
+        places: Mapping[str, tuple[int, int]],
+        stamp_at: int | None = None,
+        frame: tuple[int, int] | None = None,
+    ) -> None:
         self.type_name, self.size = type_name, len(template.data)
         self.fields = {name: number for name, (_, number) in places.items()}
         self._mask = int.from_bytes(template.mask, "little")
@@ -94,6 +100,23 @@ class FixedCodec:
         self._message = template.data
         self._targets = {name: np.frombuffer(self._message, "<f8", n, at) for name, (at, n) in places.items()}
         self._frame_id: str | None = None
+
+    @property
+    def places(self) -> dict[str, tuple[int, int]]:
+        """Byte offset and number of doubles of each field."""
+        return dict(self._places)
+
+    @property
+    def stamp_place(self) -> int:
+        """Byte offset of the stamp. Raises ValueError for a type without one."""
+        if self._stamp_at is None:
+            raise ValueError(f"{self.type_name} has no stamp")
+        return self._stamp_at
+
+    @property
+    def frame_place(self) -> tuple[int, int]:
+        """Byte offset and length of the frame_id; (0, 0) for a type without one."""
+        return self._frame or (0, 0)
 
     def encode(self, stamp_ns: int = 0, frame_id: str = "", **values: ArrayLike) -> bytes:
         """One message. `values` are arrays of the lengths in `fields`; a field not given is zero.
@@ -220,4 +243,3 @@ class FixedCodec:
                 data[...] = values[name]
             rows[:, at : at + 8 * number] = data.view(np.uint8)
         return rows
-

@@ -21,8 +21,16 @@ from hd_control.record.fixed_cdr import Buffer, ByteArray, IntArray
 
 MAGIC = b"\x89MCAP0\r\n"
 MESSAGE = struct.Struct("<BQHIQQ")
-_HEAD = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"),
-                  ("log_time", "<i8"), ("publish_time", "<i8")])
+_HEAD = np.dtype(
+    [
+        ("opcode", "u1"),
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log_time", "<i8"),
+        ("publish_time", "<i8"),
+    ]
+)
 _INDEX = struct.Struct("<BQHI")
 ZSTD_LEVEL = 1
 
@@ -38,8 +46,9 @@ def message_record(channel: int, sequence: int, log_time_ns: int, publish_time_n
     return MESSAGE.pack(Opcode.MESSAGE, 22 + len(payload), channel, sequence, log_time_ns, publish_time_ns) + payload
 
 
-def message_records(channel: int, first_sequence: int, log_times_ns: IntArray, publish_times_ns: IntArray,
-                    rows: ByteArray) -> tuple[bytes, IntArray]:
+def message_records(
+    channel: int, first_sequence: int, log_times_ns: IntArray, publish_times_ns: IntArray, rows: ByteArray
+) -> tuple[bytes, IntArray]:
     """Many messages of equal length, rows of (n, size), as records; also where each record begins."""
     count, size = rows.shape
     heads = np.zeros(count, _HEAD)
@@ -69,7 +78,8 @@ class McapFile:
     def add_schema(self, name: str, definition: str) -> int:
         """A new schema id for a ros2msg definition."""
         schema = records.Schema(
-            id=len(self._schemas) + 1, data=definition.encode("utf-8"), encoding="ros2msg", name=name)
+            id=len(self._schemas) + 1, data=definition.encode("utf-8"), encoding="ros2msg", name=name
+        )
         self._schemas.append(schema)
         self._append(schema)
         return schema.id
@@ -77,7 +87,8 @@ class McapFile:
     def add_channel(self, topic: str, schema_id: int, metadata: dict[str, str]) -> int:
         """A new channel id."""
         channel = records.Channel(
-            id=len(self._channels) + 1, topic=topic, message_encoding="cdr", metadata=metadata, schema_id=schema_id)
+            id=len(self._channels) + 1, topic=topic, message_encoding="cdr", metadata=metadata, schema_id=schema_id
+        )
         self._channels.append(channel)
         self._append(channel)
         return channel.id
@@ -94,16 +105,32 @@ class McapFile:
         first, last = int(log_times_ns.min()), int(log_times_ns.max())
         packed = zstandard.ZstdCompressor(level=ZSTD_LEVEL).compress(data)
         start = self.end
-        self._append(records.Chunk(
-            compression="zstd", data=packed, message_start_time=first, message_end_time=last,
-            uncompressed_crc=zlib.crc32(data), uncompressed_size=len(data)))
+        self._append(
+            records.Chunk(
+                compression="zstd",
+                data=packed,
+                message_start_time=first,
+                message_end_time=last,
+                uncompressed_crc=zlib.crc32(data),
+                uncompressed_size=len(data),
+            )
+        )
         index_at = self.end
         entries = np.stack([log_times_ns.astype("<u8"), offsets.astype("<u8")], axis=1).tobytes()
         self._pending += _INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(entries), channel, len(entries)) + entries
-        self._chunks.append(records.ChunkIndex(
-            chunk_start_offset=start, chunk_length=index_at - start, compression="zstd", compressed_size=len(packed),
-            uncompressed_size=len(data), message_start_time=first, message_end_time=last,
-            message_index_offsets={channel: index_at}, message_index_length=self.end - index_at))
+        self._chunks.append(
+            records.ChunkIndex(
+                chunk_start_offset=start,
+                chunk_length=index_at - start,
+                compression="zstd",
+                compressed_size=len(packed),
+                uncompressed_size=len(data),
+                message_start_time=first,
+                message_end_time=last,
+                message_index_offsets={channel: index_at},
+                message_index_length=self.end - index_at,
+            )
+        )
         self._count(channel, len(log_times_ns), first, last)
         self.flush()
 
@@ -111,9 +138,17 @@ class McapFile:
         """A file carried inside the recording."""
         start = self.end
         self._append(records.Attachment(time_ns, time_ns, name, media_type, data))
-        self._attachments.append(records.AttachmentIndex(
-            offset=start, length=self.end - start, create_time=time_ns, log_time=time_ns, data_size=len(data),
-            name=name, media_type=media_type))
+        self._attachments.append(
+            records.AttachmentIndex(
+                offset=start,
+                length=self.end - start,
+                create_time=time_ns,
+                log_time=time_ns,
+                data_size=len(data),
+                name=name,
+                media_type=media_type,
+            )
+        )
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
         """Named texts carried inside the recording."""
@@ -156,8 +191,11 @@ class McapFile:
             for record in group:
                 record.write(summary)
             if summary.count > begin:
-                groups.append(records.SummaryOffset(
-                    group_opcode=opcode, group_start=start + begin, group_length=summary.count - begin))
+                groups.append(
+                    records.SummaryOffset(
+                        group_opcode=opcode, group_start=start + begin, group_length=summary.count - begin
+                    )
+                )
         offsets_at = start + summary.count
         for offset in groups:
             offset.write(summary)
@@ -168,13 +206,24 @@ class McapFile:
 
     def _summary(self) -> list[tuple[Opcode, list[records.McapRecord]]]:
         statistics = records.Statistics(
-            attachment_count=len(self._attachments), channel_count=len(self._channels),
-            channel_message_counts=dict(self.counts), chunk_count=len(self._chunks),
-            message_count=sum(self.counts.values()), message_end_time=self.last_ns, message_start_time=self.first_ns,
-            metadata_count=len(self._metadata), schema_count=len(self._schemas))
-        return [(Opcode.SCHEMA, [*self._schemas]), (Opcode.CHANNEL, [*self._channels]),
-                (Opcode.STATISTICS, [statistics]), (Opcode.CHUNK_INDEX, [*self._chunks]),
-                (Opcode.ATTACHMENT_INDEX, [*self._attachments]), (Opcode.METADATA_INDEX, [*self._metadata])]
+            attachment_count=len(self._attachments),
+            channel_count=len(self._channels),
+            channel_message_counts=dict(self.counts),
+            chunk_count=len(self._chunks),
+            message_count=sum(self.counts.values()),
+            message_end_time=self.last_ns,
+            message_start_time=self.first_ns,
+            metadata_count=len(self._metadata),
+            schema_count=len(self._schemas),
+        )
+        return [
+            (Opcode.SCHEMA, [*self._schemas]),
+            (Opcode.CHANNEL, [*self._channels]),
+            (Opcode.STATISTICS, [statistics]),
+            (Opcode.CHUNK_INDEX, [*self._chunks]),
+            (Opcode.ATTACHMENT_INDEX, [*self._attachments]),
+            (Opcode.METADATA_INDEX, [*self._metadata]),
+        ]
 
     def _count(self, channel: int, number: int, first_ns: int, last_ns: int) -> None:
         self.first_ns = min(self.first_ns, first_ns) if self.counts else first_ns

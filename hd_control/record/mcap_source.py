@@ -44,8 +44,15 @@ class Block:
 
     def select(self, where: Any) -> Block:
         """The messages at an index or mask."""
-        return Block(self.buffer, self.channel[where], self.sequence[where], self.log_time_ns[where],
-                     self.publish_time_ns[where], self.offset[where], self.length[where])
+        return Block(
+            self.buffer,
+            self.channel[where],
+            self.sequence[where],
+            self.log_time_ns[where],
+            self.publish_time_ns[where],
+            self.offset[where],
+            self.length[where],
+        )
 
     def payloads(self) -> Iterator[bytes]:
         """The bytes of each message."""
@@ -54,8 +61,15 @@ class Block:
 
 
 def _block(buffer: Buffer, found: dict[str, Any]) -> Block:
-    return Block(buffer, found["channel"], found["sequence"], found["log_time"], found["publish_time"], found["offset"],
-                 found["length"])
+    return Block(
+        buffer,
+        found["channel"],
+        found["sequence"],
+        found["log_time"],
+        found["publish_time"],
+        found["offset"],
+        found["length"],
+    )
 
 
 class McapSource:
@@ -96,8 +110,10 @@ class McapSource:
 
     def attachment_records(self) -> dict[str, records.Attachment]:
         """The attached files by name; read from the file now."""
-        return {name: self._parse(records.Attachment, offset, length, self._buffer)
-                for name, (offset, length) in self._attachments.items()}
+        return {
+            name: self._parse(records.Attachment, offset, length, self._buffer)
+            for name, (offset, length) in self._attachments.items()
+        }
 
     def close(self) -> None:
         """Nothing to do: the mapping goes with the last array that needs it."""
@@ -147,8 +163,9 @@ class McapSource:
         self._compare_counts()
 
     def _take_others(self, found: dict[str, Any], buffer: Buffer) -> None:
-        for opcode, offset, length in zip(found["other_opcode"].tolist(), found["other_offset"].tolist(),
-                                          found["other_length"].tolist(), strict=True):
+        for opcode, offset, length in zip(
+            found["other_opcode"].tolist(), found["other_offset"].tolist(), found["other_length"].tolist(), strict=True
+        ):
             if opcode == Opcode.SCHEMA:
                 if (schema := self._parse(records.Schema, offset, length, buffer)) is not None:
                     self._schemas[schema.id] = schema
@@ -220,8 +237,9 @@ class McapSource:
             self._problem("the index at the end is damaged (checksum)", start, loses_data=False)
             return
         found = _records.scan(self._buffer, start, RECORD_CAP, 1)
-        for opcode, offset, length in zip(found["other_opcode"].tolist(), found["other_offset"].tolist(),
-                                          found["other_length"].tolist(), strict=True):
+        for opcode, offset, length in zip(
+            found["other_opcode"].tolist(), found["other_offset"].tolist(), found["other_length"].tolist(), strict=True
+        ):
             if opcode == Opcode.STATISTICS and (s := self._parse(records.Statistics, offset, length, self._buffer)):
                 self.expected = dict(s.channel_message_counts)
             elif opcode == Opcode.CHUNK_INDEX and (c := self._parse(records.ChunkIndex, offset, length, self._buffer)):

@@ -28,10 +28,14 @@ class TopicEntry:
 def qos_profile(latched: bool) -> dict[str, Any]:
     """The QoS a recorded topic was offered with, in rosbag2's words."""
     return {
-        "history": "keep_last", "depth": 1, "reliability": "reliable",
+        "history": "keep_last",
+        "depth": 1,
+        "reliability": "reliable",
         "durability": "transient_local" if latched else "volatile",
-        "deadline": dict(_FOREVER), "lifespan": dict(_FOREVER),
-        "liveliness": "automatic", "liveliness_lease_duration": dict(_FOREVER),
+        "deadline": dict(_FOREVER),
+        "lifespan": dict(_FOREVER),
+        "liveliness": "automatic",
+        "liveliness_lease_duration": dict(_FOREVER),
         "avoid_ros_namespace_conventions": False,
     }
 
@@ -47,24 +51,37 @@ def dump(data: Any) -> str:
     return str(yaml.dump(data, Dumper=Plain, sort_keys=False, allow_unicode=True))
 
 
-def document(file_name: str, topics: Sequence[TopicEntry], first_ns: int, last_ns: int,
-             custom_data: Mapping[str, str]) -> dict[str, Any]:
+def document(
+    file_name: str, topics: Sequence[TopicEntry], first_ns: int, last_ns: int, custom_data: Mapping[str, str]
+) -> dict[str, Any]:
     """The content of `rosbag2_bagfile_information` for a bag of one MCAP file."""
     count = sum(topic.message_count for topic in topics)
     start, duration = {"nanoseconds_since_epoch": first_ns}, {"nanoseconds": last_ns - first_ns}
     return {
-        "version": VERSION, "storage_identifier": "mcap",
-        "duration": duration, "starting_time": start, "message_count": count,
+        "version": VERSION,
+        "storage_identifier": "mcap",
+        "duration": duration,
+        "starting_time": start,
+        "message_count": count,
         "topics_with_message_count": [
-            {"topic_metadata": {
-                "name": topic.name, "type": topic.type_name, "serialization_format": "cdr",
-                "offered_qos_profiles": [qos_profile(topic.latched)], "type_description_hash": topic.type_hash},
-             "message_count": topic.message_count}
-            for topic in topics],
-        "compression_format": "", "compression_mode": "",
+            {
+                "topic_metadata": {
+                    "name": topic.name,
+                    "type": topic.type_name,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": [qos_profile(topic.latched)],
+                    "type_description_hash": topic.type_hash,
+                },
+                "message_count": topic.message_count,
+            }
+            for topic in topics
+        ],
+        "compression_format": "",
+        "compression_mode": "",
         "relative_file_paths": [file_name],
         "files": [{"path": file_name, "starting_time": start, "duration": duration, "message_count": count}],
-        "custom_data": dict(custom_data), "ros_distro": "jazzy",
+        "custom_data": dict(custom_data),
+        "ros_distro": "jazzy",
     }
 
 

@@ -39,5 +39,9 @@ def now_utc() -> str:
 
 def provenance(start_time_utc: str | None = None) -> dict[str, str]:
     """What every recording carries: `software_version`, `git_commit`, `start_time_utc` (given, or now)."""
-    return {"software": "hd_control", "software_version": software_version(), "git_commit": git_commit(),
-            "start_time_utc": now_utc() if start_time_utc is None else start_time_utc}
+    return {
+        "software": "hd_control",
+        "software_version": software_version(),
+        "git_commit": git_commit(),
+        "start_time_utc": now_utc() if start_time_utc is None else start_time_utc,
+    }

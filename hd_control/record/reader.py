@@ -85,8 +85,12 @@ class BagReader:
     @property
     def attachments(self) -> dict[str, bytes]:
         """The files carried inside the recording."""
-        return {name: bytes(record.data) for source in self._sources
-                for name, record in source.attachment_records().items() if record is not None}
+        return {
+            name: bytes(record.data)
+            for source in self._sources
+            for name, record in source.attachment_records().items()
+            if record is not None
+        }
 
     @property
     def accounting(self) -> dict[str, dict[str, Any]]:

@@ -68,8 +68,9 @@ class Recorder:
         self.bag.add_topic(name, type_name, definition, period_ns)
         known = topic_info(name)
         event = bool(known and known.event)
-        self._queues[name] = _Queue(name, self.bag.type_of(name), EVENT_DEPTH if event else self.queue_depth, event,
-                                    self.bag.accounts[name])
+        self._queues[name] = _Queue(
+            name, self.bag.type_of(name), EVENT_DEPTH if event else self.queue_depth, event, self.bag.accounts[name]
+        )
         self._by_any_name[topic] = self._by_any_name[name] = self._queues[name]
 
     def offer(self, topic: str, log_time_ns: int, payload: Buffer) -> None:
@@ -153,8 +154,11 @@ class Recorder:
         with self._lock:
             for name, queue in self._queues.items():
                 account = queue.account
-                table[name] = {**account.as_dict(), "queued": len(queue.samples) + self._in_flight.get(name, 0),
-                               "published": account.received + account.drops.transport}
+                table[name] = {
+                    **account.as_dict(),
+                    "queued": len(queue.samples) + self._in_flight.get(name, 0),
+                    "published": account.received + account.drops.transport,
+                }
         return table
 
     def _longest_sensor(self) -> _Queue | None:

@@ -36,7 +36,8 @@ SIGNALS: dict[str, tuple[tuple[str, str], ...]] = {
 def possible_channels(signals: Collection[str]) -> dict[str, str]:
     """The residual channels that the signals of one joint allow, each with what it rests on."""
     rotor, joint, torque, motor = (
-        name in signals for name in ("motor_shaft_position", "joint_position", "joint_torque", "motor_torque"))
+        name in signals for name in ("motor_shaft_position", "joint_position", "joint_torque", "motor_torque")
+    )
     found = {}
     if rotor and torque and motor:
         found["motor_torque"] = "measured"
@@ -74,8 +75,14 @@ def summarize(bag: BagReader) -> dict[str, Any]:
 def _topic(bag: BagReader, name: str, kept: dict[str, Columns]) -> dict[str, Any]:
     """Counts, rate and holes of one topic; its columns go to `kept` under the plain name if the schema knows it."""
     known = topic_info(name)
-    row: dict[str, Any] = {"type": bag.topics[name], "messages": bag.counts[name], "rate": None, "gaps": None,
-                           "missing": None, "drops": bag.accounting.get(name, {}).get("drops")}
+    row: dict[str, Any] = {
+        "type": bag.topics[name],
+        "messages": bag.counts[name],
+        "rate": None,
+        "gaps": None,
+        "missing": None,
+        "drops": bag.accounting.get(name, {}).get("drops"),
+    }
     if not bag.counts[name] or not has_fixed_layout(bag.topics[name]):
         return row
     columns = bag.columns(name)
@@ -107,8 +114,9 @@ def _series(columns: dict[str, Columns], joint: str, signal: str) -> tuple[str, 
 
 
 def _joints(columns: dict[str, Columns]) -> dict[str, Any]:
-    names = dict.fromkeys(n for topic, c in columns.items() if topic_info(topic) and "introspection" not in topic
-                          for n in c.names)
+    names = dict.fromkeys(
+        n for topic, c in columns.items() if topic_info(topic) and "introspection" not in topic for n in c.names
+    )
     result = {}
     for joint in names:
         series = {signal: found for signal in SIGNALS if (found := _series(columns, joint, signal)) is not None}
@@ -123,8 +131,11 @@ def _joints(columns: dict[str, Columns]) -> dict[str, Any]:
 def _coverage(series: dict[str, tuple[str, Columns, FloatArray]]) -> dict[str, Any]:
     """Ranges of speed, load, angle and temperature of one joint; only what its signals tell."""
     found: dict[str, Any] = {}
-    for signal, name, unit in (("joint_position", "angle", "rad"), ("joint_torque", "load", "N·m"),
-                               ("motor_temperature", "temperature", "°C")):
+    for signal, name, unit in (
+        ("joint_position", "angle", "rad"),
+        ("joint_torque", "load", "N·m"),
+        ("motor_temperature", "temperature", "°C"),
+    ):
         if signal in series:
             values = series[signal][2]
             found[name] = {"low": float(np.nanmin(values)), "high": float(np.nanmax(values)), "unit": unit}
@@ -152,8 +163,13 @@ def _speed(series: dict[str, tuple[str, Columns, FloatArray]]) -> dict[str, Any]
     moving = speed[np.abs(speed) > STANDSTILL * np.abs(speed).max()]
     slow, fast = np.percentile(np.abs(moving), [1, 99]) if len(moving) else (1.0, 1.0)
     decades = float(np.log10(fast / slow))
-    return {"low": float(speed.min()), "high": float(speed.max()), "unit": "rad/s", "decades": decades,
-            "reversals": int((np.diff(np.sign(moving)) != 0).sum())}
+    return {
+        "low": float(speed.min()),
+        "high": float(speed.max()),
+        "unit": "rad/s",
+        "decades": decades,
+        "reversals": int((np.diff(np.sign(moving)) != 0).sum()),
+    }
 
 
 def _slope(stamps_ns: Any, angle: FloatArray) -> FloatArray:

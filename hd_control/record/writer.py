@@ -55,8 +55,16 @@ class _Channel:
 class BagWriter:
     """A recording being written. Not thread-safe; reads no clock but once for the start time, if none is given."""
 
-    def __init__(self, path: str | Path, *, live: bool = True, compact: bool = True, force: bool = False,
-                 metadata: Mapping[str, str] | None = None, start_time_utc: str | None = None) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        live: bool = True,
+        compact: bool = True,
+        force: bool = False,
+        metadata: Mapping[str, str] | None = None,
+        start_time_utc: str | None = None,
+    ) -> None:
         """Creates the directory `path`; its parent must exist. Raises BagError if it cannot, or if `path` exists.
 
         `force` replaces an existing bag, never anything else. `metadata` are texts for the session record: seed, run
@@ -100,8 +108,10 @@ class BagWriter:
         latched = bool(known and known.latched)
         if type_name not in self._schemas:
             self._schemas[type_name] = self._file.add_schema(type_name, definition)
-        metadata = {"offered_qos_profiles": metadata_yaml.dump([metadata_yaml.qos_profile(latched)]),
-                    "topic_type_hash": type_hash(type_name)}
+        metadata = {
+            "offered_qos_profiles": metadata_yaml.dump([metadata_yaml.qos_profile(latched)]),
+            "topic_type_hash": type_hash(type_name),
+        }
         number = self._file.add_channel(name, self._schemas[type_name], metadata)
         period = (known.period_ns if known else 0) if period_ns is None else period_ns
         self._channels[name] = _Channel(name, type_name, type_hash(type_name), number, latched, TopicAccount(period))
@@ -136,8 +146,15 @@ class BagWriter:
         if len(channel.records) >= CHUNK_BYTES:
             self._write_chunk(channel)
 
-    def write_columns(self, topic: str, codec: FixedCodec, stamps_ns: ArrayLike, log_times_ns: ArrayLike | None = None,
-                      frame_id: str = "", **values: ArrayLike) -> None:
+    def write_columns(
+        self,
+        topic: str,
+        codec: FixedCodec,
+        stamps_ns: ArrayLike,
+        log_times_ns: ArrayLike | None = None,
+        frame_id: str = "",
+        **values: ArrayLike,
+    ) -> None:
         """Many messages of a fixed layout; arrays are (n, numbers). Log times default to the stamps."""
         channel = self._channel(topic)
         if codec.type_name != channel.type_name:
@@ -232,10 +249,14 @@ class BagWriter:
         self._raw.close()
 
     def _write_yaml(self, accounts: Mapping[str, str], reason: str) -> None:
-        topics = [metadata_yaml.TopicEntry(c.topic, c.type_name, c.type_hash, c.account.written, c.latched)
-                  for c in self._channels.values()]
-        custom = {ACCOUNTING: json.dumps({name: json.loads(text) for name, text in accounts.items()}),
-                  "close_reason": reason or "closed"}
+        topics = [
+            metadata_yaml.TopicEntry(c.topic, c.type_name, c.type_hash, c.account.written, c.latched)
+            for c in self._channels.values()
+        ]
+        custom = {
+            ACCOUNTING: json.dumps({name: json.loads(text) for name, text in accounts.items()}),
+            "close_reason": reason or "closed",
+        }
         info = metadata_yaml.document(self.file_path.name, topics, self._file.first_ns, self._file.last_ns, custom)
         try:
             metadata_yaml.save(self.path, info)

@@ -7,7 +7,7 @@ from typing import Any
 from hd_control.control import motion
 from hd_control.control.trajectory import Path, TrajectoryFollower
 from hd_control.core.robot import Robot
-from hd_control.stages.stage import OK, Bus, Stage
+from hd_control.stages.stage import OK, Stage
 from hd_control.stages.wiring import MOTION
 
 
@@ -32,8 +32,7 @@ class MotionStage(Stage):
         """Gives a checked path to the loop, from any thread; the newest wins."""
         self._handover = path
 
-    def step(self, tick: int, bus: Bus) -> Bus:
-        self.read(bus)
+    def act(self, tick: int) -> None:
         if self.follower is None:
             self.follower = TrajectoryFollower(
                 self.joint_names, self.dt, self.sample.joint_position, tick, self.blend_time
@@ -42,9 +41,7 @@ class MotionStage(Stage):
         if path is not None:
             self._take(path, tick)
         self.follower.sample(tick, self._reference_array)
-        self.advance()
-        self.tick = tick
-        return self.results()
+        super().act(tick)
 
     def _take(self, path: Path, tick: int) -> None:
         assert self.follower is not None

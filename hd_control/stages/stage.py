@@ -57,9 +57,40 @@ class Stage:
     def step(self, tick: int, bus: Bus) -> Bus:
         """One tick: reads its inputs from the bus, returns the arrays of each topic that it makes."""
         self.read(bus)
+        self.act(tick)
+        return self.results()
+
+    def act(self, tick: int) -> None:
+        """The law on what sample and reference hold now; `outgoing` has the numbers to publish then."""
         self.advance()
         self.tick = tick
-        return self.results()
+
+    def destinations(self, topic: str) -> dict[str, list[tuple[FloatArray, list[int]]]]:
+        """By array of the topic: the views of sample and reference that take it, with the robot's joints they take."""
+        joints = self.robot.indices(self.joint_names)
+        found: dict[str, list[tuple[FloatArray, list[int]]]] = {}
+        for block, fields in ((self.sample, self.wiring.sample), (self.reference, self.wiring.reference)):
+            for name, (source, array) in fields.items():
+                if source == topic and block is not None:
+                    found.setdefault(array, []).append((block.view(name), joints))
+        return found
+
+    def absent(self, topic: str) -> None:
+        """An optional input is not there in this tick."""
+
+    @property
+    def outgoing(self) -> FloatArray:
+        """All numbers that the outputs are taken from, as one array; `outgoing_places` says where each lies."""
+        output = self.output
+        assert output is not None
+        return output.array
+
+    def outgoing_places(self, topic: str) -> dict[str, range]:
+        """Where the numbers of each array of a topic lie in `outgoing`; known after `names`."""
+        output = self.output
+        assert output is not None
+        parts = {array: output.layout.slices[name] for array, name in self.wiring.outputs[topic].items()}
+        return {array: range(part.start, part.stop) for array, part in parts.items()}
 
     def read(self, bus: Bus) -> None:
         """Fills sample and reference from the bus; a topic that is absent leaves its fields as they were."""
@@ -68,6 +99,12 @@ class Stage:
             arrays = bus.get(topic)
             if arrays is not None:
                 view[:] = arrays[array][pick]
+
+    def read_slow(self, bus: Bus) -> None:
+        """Fills the fields that are updated now and then; a topic that is absent leaves them as they were."""
+        for name, (topic, array) in self.wiring.slow.items():
+            if topic in bus:
+                self.sample.view(name)[:] = bus[topic][array][self._pick]
 
     def advance(self) -> None:
         """The law's step, with the state made on the first tick."""

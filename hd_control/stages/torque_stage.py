@@ -9,7 +9,7 @@ import numpy as np
 
 from hd_control.control import safety_gate as gate
 from hd_control.control import torque
-from hd_control.core.blocks import Block
+from hd_control.core.blocks import Block, FloatArray
 from hd_control.core.faults import FaultCode
 from hd_control.core.robot import Robot
 from hd_control.stages import topics
@@ -27,10 +27,11 @@ class TorqueStage(Stage):
         self.limits = limits
         self.gate_state = gate.initial_gate_state(joints)
         self.measured = gate.new_measured(joints)
-        self.ages, self.ticks = np.zeros(joints), np.zeros(joints)
+        self.ages, self.ticks, self.allowed = np.zeros(joints), np.zeros(joints), np.zeros(joints)
         self.stopped_command = np.full(joints, np.nan)
         self.exception: Exception | None = None
         self.faults = FaultBook()
+        self.gate_open = False
         self.reset_asked = False
         self.reset_answer: list[str] | None = None
 
@@ -42,13 +43,20 @@ class TorqueStage(Stage):
         kept = None if self.state is None else torque.restarted(self.state)
         super().start()
         self.state = kept
-        self.gate_state = gate.deactivate(self.gate_state)
+        self.gate_state, self.gate_open = gate.deactivate(self.gate_state), False
 
-    def step(self, tick: int, bus: Bus) -> Bus:
-        self.read(bus)
-        if topics.REFERENCE not in bus and self.reference is not None:
+    def read(self, bus: Bus) -> None:
+        super().read(bus)
+        if topics.REFERENCE not in bus:
+            self.absent(topics.REFERENCE)
+
+    def absent(self, topic: str) -> None:
+        """Without a reference the joint is meant to stand where it is."""
+        if self.reference is not None:
             self.reference.desired_position = self.sample.joint_position
             self.reference.desired_velocity = 0.0
+
+    def act(self, tick: int) -> None:
         try:
             self.advance()
             assert self.output is not None
@@ -59,14 +67,23 @@ class TorqueStage(Stage):
         if self.exception is not None:
             command = self.stopped_command
         self.tick = tick
-        return {topics.COMMAND: {"effort": self.through_gate(tick, command)}}
+        self.allowed = self.through_gate(tick, command)
+
+    def results(self) -> Bus:
+        return {topics.COMMAND: {"effort": self.allowed}}
+
+    @property
+    def outgoing(self) -> FloatArray:
+        return self.allowed
+
+    def outgoing_places(self, topic: str) -> dict[str, range]:
+        return {"effort": range(len(self.joint_names))}
 
     def through_gate(self, tick: int, command: Any) -> Any:
         """The last step before publishing."""
-        if self.gate_state.active == 0.0:
+        if not self.gate_open:
             self.gate_state = gate.activate(self.gate_state, self.limits, self.sample.motor_torque)
-        self.measured.joint_position = self.sample.joint_position
-        self.measured.joint_velocity = self.sample.joint_velocity
+            self.gate_open = True
         self.ticks.fill(tick)
         if self.reset_asked:
             self.answer_reset()
@@ -79,6 +96,8 @@ class TorqueStage(Stage):
 
     def answer_reset(self) -> None:
         """Between two ticks, on request of the reset service."""
+        self.measured.joint_position = self.sample.joint_position
+        self.measured.joint_velocity = self.sample.joint_velocity
         self.gate_state, refused = gate.reset(self.gate_state, self.measured, self.limits)
         if not refused:
             self.exception = None

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hd_control.core.blocks import Block
 from hd_control.core.robot import Robot
 from hd_control.nodes.chain import ChainNode
 from hd_control.nodes.lifecycle_shell import Introspection
@@ -14,11 +15,12 @@ from hd_control.nodes.ros_loop import wait_matched
 from hd_control.nodes.stage_shell import Output
 from hd_control.stages import topics
 from hd_control.stages.gate_values import limits_block
+from hd_control.stages.stage import Bus
 from hd_sim.nodes.plant_parameters import PARAMETERS, plant_config
 from hd_sim.nodes.plant_turn import PlantTurn
 from hd_sim.nodes.topic_seam import TopicSeam, plant_status
 from hd_sim.plant_config import PlantConfig
-from hd_sim.world import World
+from hd_sim.world import World, sensor_arrays
 
 
 class InnerSeam(TopicSeam):
@@ -34,10 +36,12 @@ class InnerSeam(TopicSeam):
         super().send_temperature(stamp_ns, temperature)
         self._held = {"temperature": temperature}
 
-    def send(self, tick: int, stamp_ns: int, sensors: Any) -> None:
-        super().send(tick, stamp_ns, sensors)
-        bus = self._chain.run_stages(tick, stamp_ns, {**sensors, topics.TEMPERATURE: self._held})
-        self._pending = tick, bus[topics.COMMAND]["effort"]
+    def send(self, tick: int, stamp_ns: int, sample: Block) -> None:
+        super().send(tick, stamp_ns, sample)
+        bus: Bus = {**sensor_arrays(sample), topics.TEMPERATURE: self._held}
+        self._chain.stages[0].read(bus)
+        self._chain.run_stages(tick, stamp_ns, bus)
+        self._pending = tick, self._chain.torque.allowed
 
     def collect(self, timeout_ns: int) -> None:
         if self._pending is not None:

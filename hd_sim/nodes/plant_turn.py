@@ -1,7 +1,8 @@
 """The plant's fast loop: wall clock with absolute deadlines, or lock-step that waits for the command of each tick.
 
 Tick k: the command of tick k-1 is latched, the sensors are sampled and published with stamp k * period, then
-[k, k+1) is integrated while the control chain computes. In lock-step tick k+1 waits for the complete command of tick k.
+[k, k+1) is integrated: in lock-step at once, on the wall clock when the command of tick k is there, so that the chain
+need not wait for it. In lock-step tick k+1 waits for the complete command of tick k.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import time
 from collections.abc import Mapping
 from typing import Any, Protocol
 
-from hd_control.core.blocks import FloatArray
+from hd_control.core.blocks import Block, FloatArray
 from hd_control.nodes.loop_statistics import LoopStatistics
 from hd_control.nodes.real_time import sleep_until
 from hd_control.nodes.ros_loop import WAIT_NS, FastLoop
@@ -27,7 +28,7 @@ START_LEAD_TICKS = 20
 class Seam(Protocol):
     """How the plant meets the control chain: over topics, or in the same process."""
 
-    def send(self, tick: int, stamp_ns: int, sensors: Any) -> None:
+    def send(self, tick: int, stamp_ns: int, sample: Block) -> None:
         """Gives the sensor readings of a tick to the chain."""
 
     def send_temperature(self, stamp_ns: int, temperature: FloatArray) -> None:
@@ -58,7 +59,7 @@ class PlantTurn:
     def start(self) -> None:
         """A new activation. Lock-step counts on from where it was, from 0 the first time; wall time starts anew."""
         self.first_tick = self.tick = getattr(self, "tick", 0) if self._lockstep else 0
-        self._deadline = self._published = -1
+        self._deadline = self._published = self._measured = -1
         self._waiting_since, self._impatient, self.skipped, self.fault = 0, False, 0, ""
         self._reported = -1
         self._ask_again = 0
@@ -97,6 +98,7 @@ class PlantTurn:
         if self._published < tick:
             if self._halted() or self._recorder_behind():
                 return
+            self._measure(tick)
             self._publish(tick)
             self._world.advance()
             self._waiting_since = time.monotonic_ns()
@@ -149,19 +151,28 @@ class PlantTurn:
             if self._world.seam.complete(self.tick - 1):
                 self.statistics.answer(time.monotonic_ns() - self._waiting_since)
             return
+        self._prepare(self.tick)
         sleep_until(self._deadline)
-        self._seam.collect(0)
         while time.monotonic_ns() >= self._deadline + self._dt_ns:  # overslept: a gap that everybody can see
-            self._world.skip(self.tick)
             self.skipped += 1
             self.tick += 1
             self._deadline += self._dt_ns
-        tick = self.tick
+            self._prepare(self.tick)
         self._waiting_since = time.monotonic_ns()
-        self._publish(tick)
-        self._world.advance()
+        self._publish(self.tick)
         self._deadline += self._dt_ns
-        self._finish(tick)
+        self._finish(self.tick)
+
+    def _prepare(self, tick: int) -> None:
+        """Integrates up to the tick, latches the newest command for it and reads the sensors: all but the publishing.
+
+        It is done once the command is there, or at the deadline without it, so that nothing but publishing stands
+        between the deadline and the control chain.
+        """
+        if self._measured >= self.first_tick:
+            self._world.advance()
+        self._seam.collect(0)
+        self._measure(tick)
 
     def _set_out(self) -> None:
         """Binds tick numbers to the wall clock and deadlines to the steady clock, once per activation."""
@@ -172,11 +183,14 @@ class PlantTurn:
 
     # Both -----------------------------------------------------------------------------------------------------------
 
+    def _measure(self, tick: int) -> None:
+        self._sensors = self._world.measure(tick)
+        self._measured = tick
+
     def _publish(self, tick: int) -> None:
-        self._sensors, temperature = self._world.measure(tick)
         stamp_ns = tick * self._dt_ns
         if tick % self._temperature_ticks == 0:
-            self._seam.send_temperature(stamp_ns, temperature)
+            self._seam.send_temperature(stamp_ns, self._sensors.motor_temperature)
         self._seam.send(tick, stamp_ns, self._sensors)
         self._published = tick
 

@@ -8,6 +8,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 from std_msgs.msg import String, UInt64
 
+from hd_control.core.blocks import Block
 from hd_control.nodes.lifecycle_shell import ERROR, OK, WARN, Shell
 from hd_control.nodes.ros_loop import chain_qos, latched_qos
 from hd_control.nodes.stage_shell import Output
@@ -15,7 +16,7 @@ from hd_control.record.cdr import ClockCodec, TemperatureCodec
 from hd_control.stages import topics
 from hd_sim.nodes.command_input import CommandInput
 from hd_sim.nodes.plant_turn import PlantTurn
-from hd_sim.world import World
+from hd_sim.world import World, sensor_places
 
 
 class TopicSeam:
@@ -24,8 +25,9 @@ class TopicSeam:
     def __init__(self, node: Shell, world: World, lockstep: bool) -> None:
         names = world.joint_names
         self._node, self._world, self._dt_ns = node, world, node.dt_ns
-        self._outputs = [(topic, Output(node, topic, names)) for topic in topics.SENSORS]
-        self.sensor_publishers = [output.publisher for _, output in self._outputs]
+        places = sensor_places(world.seam.sample())
+        self._outputs = [Output(node, topic, names, places[topic]) for topic in topics.SENSORS]
+        self.sensor_publishers = [output.publisher for output in self._outputs]
         self._temperature = node.create_publisher(Temperature, topics.TEMPERATURE, chain_qos(2 * len(names)))
         self._temperature_codecs = [TemperatureCodec(name) for name in names]
         self._clock = node.create_publisher(Clock, topics.CLOCK, chain_qos()) if lockstep else None
@@ -33,15 +35,15 @@ class TopicSeam:
         self._progress = node.create_publisher(UInt64, "~/progress", latched_qos())
         self._description = node.create_publisher(String, topics.DESCRIPTION, latched_qos())
         self._description.publish(String(data=node.robot.urdf))
-        self.commands = CommandInput(node, names, node.group, lambda: world.seam.stopped)
+        self.commands = CommandInput(node, names, node.dt_ns, lambda: world.seam.stopped)
         self._behind = node.create_subscription(
             UInt64, topics.PROGRESS, lambda _: None, latched_qos(), callback_group=node.group
         )
         self._recorded = -1
 
-    def send(self, tick: int, stamp_ns: int, sensors: Any) -> None:
-        for topic, output in self._outputs:
-            output.publish(stamp_ns, sensors[topic])
+    def send(self, tick: int, stamp_ns: int, sample: Block) -> None:
+        for output in self._outputs:
+            output.publish(stamp_ns, sample.array)
         if self._clock is not None:
             self._clock.handle.publish_raw(self._clock_codec.encode(stamp_ns))
 
@@ -52,10 +54,7 @@ class TopicSeam:
     def collect(self, timeout_ns: int) -> None:
         if timeout_ns > 0:
             self._node.loop.waiter.wait((self.commands.subscription.handle,), timeout_ns)
-        self.commands.drain(self._use)
-
-    def _use(self, joints: Any, torque: Any, stamp_ns: int) -> None:
-        self._world.command(joints, torque, (stamp_ns + self._dt_ns // 2) // self._dt_ns)
+        self.commands.drain(self._world.command)
 
     def recorded(self) -> int:
         while (taken := self._behind.handle.take_message(UInt64, False)) is not None:

@@ -5,61 +5,109 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hd_control import _messages
+from hd_control._messages import COMPLETE, FOREIGN, OTHER_LAYOUT, REPEATED, STALE, STORED
 from hd_control.core.errors import ConfigError
 from hd_control.core.faults import Action, Fault, FaultCode
 from hd_control.core.parameters import Parameter, ParameterSet, Shape
-from hd_control.nodes.joiner import Joiner
+from hd_control.nodes.fast_messages import add_input, make_message
 from hd_control.nodes.loop_statistics import LoopStatistics
 from hd_control.nodes.run_plan import RunPlan
+from hd_control.record.cdr import JointStateCodec
 from hd_control.stages.fault_book import FaultBook
 from hd_control.stages.node_parameters import for_joints
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
+NAMES = ("a", "b")
+CODEC = JointStateCodec(NAMES, position=True)
+PERIOD_NS = 1_000_000
+
+
+class Inputs:
+    """A join of some inputs, each with its own place to write to."""
+
+    def __init__(self, count: int, optional: tuple[int, ...] = ()) -> None:
+        self.join = _messages.Join(PERIOD_NS)
+        self.numbers = np.zeros((count, len(NAMES)))
+        for index in range(count):
+            add_input(self.join, CODEC, {"position": [(self.numbers[index], range(len(NAMES)))]}, index in optional)
+
+    def offer(self, index: int, tick: int, run_id: str = "0" * 16) -> int:
+        value = [tick, index]
+        return self.join.offer(index, CODEC.encode(tick * PERIOD_NS, run_id, position=value))
+
+
 def test_acts_only_on_complete_ticks() -> None:
-    joiner = Joiner(2)
-    assert not joiner.offer(0, 5, "a5")
-    assert joiner.offer(1, 5, "b5")
-    assert joiner.values() == ["a5", "b5"] and joiner.tick == 5
+    inputs = Inputs(2)
+    assert inputs.offer(0, 5) == STORED and inputs.join.last_missing() == 1
+    assert inputs.offer(1, 5) == COMPLETE and inputs.join.tick == 5
+    np.testing.assert_array_equal(inputs.numbers, [[5, 0], [5, 1]])
 
 
 def test_a_newer_tick_abandons_and_counts_an_incomplete_one() -> None:
-    joiner = Joiner(2)
-    joiner.offer(0, 1, "a1"), joiner.offer(1, 1, "b1")
-    joiner.offer(0, 2, "a2")
-    joiner.offer(0, 3, "a3")
-    assert joiner.incomplete == 1
-    assert not joiner.offer(1, 2, "b2") and joiner.stale == 1
-    assert joiner.offer(1, 3, "b3") and joiner.values() == ["a3", "b3"]
+    inputs = Inputs(2)
+    inputs.offer(0, 1), inputs.offer(1, 1)
+    inputs.offer(0, 2)
+    inputs.offer(0, 3)
+    assert inputs.join.incomplete == 1
+    assert inputs.offer(1, 2) == STALE and inputs.join.stale == 1
+    assert inputs.numbers[1, 0] == 1, "a message of the past writes nothing"
+    assert inputs.offer(1, 3) == COMPLETE
 
 
 def test_a_stamp_that_stands_still_never_acts_again() -> None:
-    joiner = Joiner(1)
-    assert joiner.offer(0, 7, "x")
-    assert not joiner.offer(0, 7, "x") and joiner.repeated
+    inputs = Inputs(1)
+    assert inputs.offer(0, 7) == COMPLETE
+    assert inputs.offer(0, 7) == REPEATED
 
 
 def test_an_optional_input_counts_from_its_first_sight() -> None:
-    joiner = Joiner(2, optional=[0])
-    assert joiner.offer(1, 1, "b1") and joiner.values() == [None, "b1"]
-    assert not joiner.offer(0, 2, "a2")
-    assert joiner.offer(1, 2, "b2") and joiner.values() == ["a2", "b2"]
-    assert not joiner.offer(1, 3, "b3"), "after it was seen, it is waited for"
+    inputs = Inputs(2, optional=(0,))
+    assert inputs.offer(1, 1) == COMPLETE and not inputs.join.seen(0)
+    assert inputs.offer(0, 2) == STORED and inputs.join.seen(0)
+    assert inputs.offer(1, 2) == COMPLETE
+    assert inputs.offer(1, 3) == STORED, "after it was seen, it is waited for"
+
+
+def test_another_run_id_is_foreign_and_another_layout_is_named() -> None:
+    inputs = Inputs(1)
+    inputs.offer(0, 1)
+    assert inputs.offer(0, 2, run_id="1" * 16) == FOREIGN and inputs.numbers[0, 0] == 1
+    other = JointStateCodec(("a", "c"), position=True).encode(2 * PERIOD_NS, "0" * 16, position=[2, 2])
+    assert inputs.join.offer(0, other) == OTHER_LAYOUT and inputs.numbers[0, 0] == 1
 
 
 @given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 20)), max_size=60))
 def test_any_interleaving_joins_equal_ticks_in_rising_order(messages: list[tuple[int, int]]) -> None:
-    joiner, acted = Joiner(3), []
+    inputs, acted = Inputs(3), []
     for index, tick in messages:
-        if joiner.offer(index, tick, tick):
-            assert joiner.values() == [tick] * 3
+        if inputs.offer(index, tick) == COMPLETE:
+            assert (inputs.numbers[:, 0] == tick).all() and (inputs.numbers[:, 1] == [0, 1, 2]).all()
             acted.append(tick)
     assert acted == sorted(set(acted))
+
+
+@given(st.binary(max_size=400), st.integers(0, 8))
+def test_any_bytes_are_refused_without_a_trace(data: bytes, cut: int) -> None:
+    inputs = Inputs(1)
+    whole = CODEC.encode(PERIOD_NS, "0" * 16, position=[1, 2])
+    for bad in (data, whole[: len(whole) - 1 - cut], whole + bytes(9 + cut)):
+        assert inputs.join.offer(0, bad) == OTHER_LAYOUT
+    assert (inputs.numbers == 0).all()
+
+
+def test_a_compiled_message_is_the_codecs_message() -> None:
+    numbers = np.array([9.0, 1.5, -2.5, 7.0])
+    message = make_message(CODEC, "f" * 16, {"position": range(1, 3)})
+    for stamp_ns in (0, 1_234_567_890_123, 2_000_000_000_000_000_000):
+        assert message.encode(stamp_ns, numbers) == CODEC.encode(stamp_ns, "f" * 16, position=numbers[1:3])
 
 
 def test_gaps_in_the_tick_count_as_missed() -> None:
