@@ -52,7 +52,14 @@ ALLOWED: dict[str, set[str]] = {
         "hd_control.record",
         "hd_sim",
     },
-    "hd_sim.nodes": {"hd_control.core", "hd_control.record", "hd_control.stages", "hd_control.nodes", "hd_sim"},
+    "hd_sim.nodes": {
+        "hd_control.core",
+        "hd_control.record",
+        "hd_control.stages",
+        "hd_control.nodes",
+        "hd_control._messages",
+        "hd_sim",
+    },
 }
 ROS = {
     "rclpy",

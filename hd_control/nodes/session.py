@@ -78,8 +78,8 @@ class Session:
     def _placement(self, process: NodeProcess) -> dict[str, str]:
         """Which core and priority a process gets beyond the session's own environment.
 
-        The recorder never runs at real-time priority: it must not delay the chain. With two cores the chain is laid out
-        so that only two of its four hops wake the other core, which costs more than the work of a node on some machines.
+        The recorder never runs at real-time priority: it must not delay the chain. With two cores the chain is laid
+        out so that two of its four hops do not wake the other core, which can cost more than the work of a node.
         `HD_AFFINITY` of the user goes before.
         """
         found = {"HD_REAL_TIME": "off"} if process.executable == "recorder_node" else {}

@@ -85,10 +85,7 @@ class StageShell(Shell):
         )
         self.inputs = [RawInput(self, topic, self.robot.joint_names, self.group) for topic in wanted]
         self.introspection = Introspection(self, [name for stage in self.stages for name in stage.names()])
-        self.outputs = [
-            [Output(self, topic, stage.joint_names, stage.outgoing_places(topic)) for topic in stage.wiring.outputs]
-            for stage in self.stages
-        ]
+        self.outputs = self.make_outputs()
         first = self.stages[0]
         slow = bool(first.wiring.slow)
         self.temperature = TemperatureInput(self, self.robot.joint_names, self.group) if slow else None
@@ -126,6 +123,13 @@ class StageShell(Shell):
     def emergency(self) -> None:
         for stage in self.stages:
             stage.emergency()
+
+    def make_outputs(self) -> list[list[Output]]:
+        """The topics of every stage; after its `names`."""
+        return [
+            [Output(self, topic, stage.joint_names, stage.outgoing_places(topic)) for topic in stage.wiring.outputs]
+            for stage in self.stages
+        ]
 
     @property
     def publishers(self) -> list[Any]:

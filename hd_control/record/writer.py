@@ -14,10 +14,8 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,6 +24,7 @@ from hd_control.core.errors import BagError
 from hd_control.record import metadata_yaml
 from hd_control.record.accounting import TopicAccount, header_of
 from hd_control.record.bag_folder import make_folder, write_error
+from hd_control.record.channel import Channel
 from hd_control.record.fixed_cdr import Buffer, FixedCodec
 from hd_control.record.mcap_file import MESSAGE, McapFile, message_record, message_records
 from hd_control.record.provenance import provenance
@@ -35,21 +34,6 @@ FLUSH_NS = 20_000_000
 FLUSH_BYTES = 65_536
 CHUNK_BYTES = 1 << 20
 SESSION, ACCOUNTING = "hd_session", "hd_accounting"
-
-
-@dataclass
-class _Channel:
-    """One topic of the file, with what is not written yet when chunks are used."""
-
-    topic: str
-    type_name: str
-    type_hash: str
-    number: int
-    latched: bool
-    account: TopicAccount
-    records: bytearray = field(default_factory=bytearray)
-    times: list[int] = field(default_factory=list)
-    offsets: list[int] = field(default_factory=list)
 
 
 class BagWriter:
@@ -74,8 +58,8 @@ class BagWriter:
         self.live, self.compact, self.failed, self.closed = live, compact, "", False
         make_folder(self.path, force)
         self.file_path = self.path / f"{self.path.name}_0.mcap"
-        self._channels: dict[str, _Channel] = {}
-        self._by_any_name: dict[str, _Channel] = {}
+        self._channels: dict[str, Channel] = {}
+        self._by_any_name: dict[str, Channel] = {}
         self._schemas: dict[str, int] = {}
         self._first_pending_ns, self._has_pending = 0, False
         self._unflushed: list[tuple[TopicAccount, int]] = []
@@ -114,7 +98,7 @@ class BagWriter:
         }
         number = self._file.add_channel(name, self._schemas[type_name], metadata)
         period = (known.period_ns if known else 0) if period_ns is None else period_ns
-        self._channels[name] = _Channel(name, type_name, type_hash(type_name), number, latched, TopicAccount(period))
+        self._channels[name] = Channel(name, type_name, type_hash(type_name), number, latched, TopicAccount(period))
 
     def type_of(self, topic: str) -> str:
         """The ROS type of an announced topic."""
@@ -263,7 +247,7 @@ class BagWriter:
         except OSError as error:
             raise write_error(self.path / metadata_yaml.FILE_NAME, error) from None
 
-    def _channel(self, topic: str) -> _Channel:
+    def _channel(self, topic: str) -> Channel:
         self._check_open()
         channel = self._by_any_name.get(topic)
         if channel is None:
@@ -271,7 +255,7 @@ class BagWriter:
             channel = self._by_any_name[topic] = self._channels["/" + topic.strip("/")]
         return channel
 
-    def _write_chunk(self, channel: _Channel) -> None:
+    def _write_chunk(self, channel: Channel) -> None:
         if not channel.times:
             return
         data, times, offsets = bytes(channel.records), np.array(channel.times), np.array(channel.offsets)
@@ -307,9 +291,7 @@ class BagWriter:
     def __enter__(self) -> BagWriter:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if self.failed:
             self.abandon()
         else:

@@ -12,7 +12,6 @@ from hd_control.core.robot import Robot
 from hd_control.nodes.chain import ChainNode
 from hd_control.nodes.lifecycle_shell import Introspection
 from hd_control.nodes.ros_loop import wait_matched
-from hd_control.nodes.stage_shell import Output
 from hd_control.stages import topics
 from hd_control.stages.gate_values import limits_block
 from hd_control.stages.stage import Bus
@@ -77,8 +76,8 @@ class ChainWithPlant(ChainNode):
         self.world = World(self.config, limits, self.values["seed"])
         lockstep = self.values["clock"] == "lockstep"
         self.inputs, self.temperature = [], None
-        self.outputs = {t: Output(self, t, stage.joint_names) for stage in self.stages for t in stage.wiring.outputs}
         self.introspection = Introspection(self, [name for stage in self.stages for name in stage.names()])
+        self.outputs = self.make_outputs()
         self.seam = InnerSeam(self, self.world, lockstep)
         lag = self.values["lockstep_recorder_lag"]
         self.plant_turn = PlantTurn(self.loop, self.world, self.seam, self.dt_ns, lockstep, lag)

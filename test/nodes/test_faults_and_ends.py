@@ -22,24 +22,24 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def test_f18_killed_torque_node_stops_the_plant_in_ten_ticks_and_latches(tmp_path: Path) -> None:
     """In a namespace, so that relative names are tested as well."""
-    values = {"plant_node": {"lockstep_timeout": 0.5, "pause_at_tick": 100}}
+    values = {"plant_node": {"lockstep_timeout": 0.5, "pause_at_tick": 300}}
     plan = RunPlan(lockstep=True, namespace="arm", parameters=values)
     with Session(plan, random_domain(), tmp_path) as session:
         session.activate()
-        session.wait_until_tick(100)
+        session.wait_until_tick(300)
         session.expect_deaths()
         session.kill("torque_node", signal.SIGKILL)
         session.wait_for(lambda: not session.alive("torque_node"), 5.0, "the node did not die")
-        session.run_to(150)
+        session.run_to(350)
         session.wait_for(lambda: session.diagnostics("plant_node").get("gate_stopped") == "True", 10.0, "no stop")
         found = session.diagnostics("plant_node")
-        # Tick 99 had the last command, so it acts in tick 100; ages count from there.
-        assert 100 < int(found["gate_stop_tick"]) <= 100 + 10
+        # Tick 299 had the last command, so it acts in tick 300; ages count from there.
+        assert 300 < int(found["gate_stop_tick"]) <= 300 + 10
         assert "node_killed" in found["message"] and found["level"] == "2"
-        assert session.set_parameters("plant_node", {"pause_at_tick": 200}) == ""
+        assert session.set_parameters("plant_node", {"pause_at_tick": 400}) == ""
         assert "inputs healthy for 0 samples" in session.reset("plant_node")
-        session.wait_until_tick(200)
-        session.wait_for(lambda: session.diagnostics("plant_node").get("tick") == "200", 10.0, "the plant stands")
+        session.wait_until_tick(400)
+        session.wait_for(lambda: session.diagnostics("plant_node").get("tick") == "400", 10.0, "the plant stands")
         assert session.diagnostics("plant_node")["gate_stopped"] == "True"
         assert all(session.alive(node) for node in ("plant_node", "fusion_node", "motion_node"))
     codes = session.exit_codes

@@ -137,12 +137,14 @@ def test_changing_joints_give_nan_where_there_is_no_value(tmp_path):
     first = JointStateCodec(["a", "b"], 3)
     second = JointStateCodec(["b", "c"], 5, position=True, effort=True)
     with BagWriter(tmp_path / "bag") as bag:
-        for k, payload in enumerate((
-            first.encode(1, "run", position=[1, 2]),
-            second.encode(2, "other", position=[3, 4], effort=[5, 6]),
-            b"\x00\x01\x00\x00garbage",
-            first.encode(3, "run", position=[7, 8]),
-        )):
+        for k, payload in enumerate(
+            (
+                first.encode(1, "run", position=[1, 2]),
+                second.encode(2, "other", position=[3, 4], effort=[5, 6]),
+                b"\x00\x01\x00\x00garbage",
+                first.encode(3, "run", position=[7, 8]),
+            )
+        ):
             bag.write("joint_states", k, T0 + k, payload)
     reader = BagReader(tmp_path / "bag")
     columns = reader.columns("joint_states")

@@ -245,5 +245,3 @@ def test_hostile_sizes_are_refused(tmp_path):
     bomb = zstandard.ZstdCompressor().compress(bytes(1 << 22))
     with pytest.raises(ChunkError, match="states"):
         chunk_data(bomb, ChunkPlace(0, 0, len(bomb), "zstd", 1000, 0))
-
-

@@ -26,8 +26,12 @@ def sine_bag(path, seconds=4.0, amplitude=0.5, frequency=0.5, ratio=100.0):
     angle = amplitude * np.sin(2 * np.pi * frequency * ticks * 1e-3)
     with BagWriter(path, live=False) as bag:
         stamps = T0 + TICK * ticks
-        for topic, values in (("encoder", ratio * angle), ("resolver", angle), ("gauge_bridge", 20 * angle),
-                              ("motor_torque_applied", 30 * angle)):
+        for topic, values in (
+            ("encoder", ratio * angle),
+            ("resolver", angle),
+            ("gauge_bridge", 20 * angle),
+            ("motor_torque_applied", 30 * angle),
+        ):
             codec = joint_state_codec(topic, ["elbow"])
             (field,) = codec.fields
             use = keep if topic == "resolver" else slice(None)
@@ -61,17 +65,20 @@ def test_gaps_and_rates(tmp_path):
     assert (topics["/encoder"]["gaps"], topics["/encoder"]["missing"]) == (0, 0)
 
 
-@pytest.mark.parametrize(("signals", "channels"), [
-    ((ROTOR, JOINT, TORQUE, MOTOR), {"motor_torque", "transmission", "link_torque"}),
-    ((JOINT, TORQUE), {"link_torque"}),
-    ((JOINT, MOTOR), {"motor_torque"}),
-    ((ROTOR, TORQUE, MOTOR), {"motor_torque", "link_torque"}),
-    ((ROTOR, JOINT, TORQUE), {"transmission", "link_torque"}),
-    ((ROTOR, JOINT, MOTOR), {"motor_torque", "transmission"}),
-    ((JOINT,), set()),
-    ((ROTOR,), set()),
-    ((), set()),
-])
+@pytest.mark.parametrize(
+    ("signals", "channels"),
+    [
+        ((ROTOR, JOINT, TORQUE, MOTOR), {"motor_torque", "transmission", "link_torque"}),
+        ((JOINT, TORQUE), {"link_torque"}),
+        ((JOINT, MOTOR), {"motor_torque"}),
+        ((ROTOR, TORQUE, MOTOR), {"motor_torque", "link_torque"}),
+        ((ROTOR, JOINT, TORQUE), {"transmission", "link_torque"}),
+        ((ROTOR, JOINT, MOTOR), {"motor_torque", "transmission"}),
+        ((JOINT,), set()),
+        ((ROTOR,), set()),
+        ((), set()),
+    ],
+)
 def test_signals_decide_the_channels(signals, channels):
     assert set(possible_channels(signals)) == channels
 

@@ -19,8 +19,13 @@ def test_paths_that_are_no_bags(tmp_path):
     (tmp_path / "empty.mcap").touch()
     (tmp_path / "text.mcap").write_text("this is not a recording")
     (tmp_path / "text.db3").write_text("this is not a database")
-    for name, said in {"nothing": "no such bag", "empty_folder": "no .mcap or .db3", "empty.mcap": "empty",
-                       "text.mcap": "does not begin like", "text.db3": "cannot be read"}.items():
+    for name, said in {
+        "nothing": "no such bag",
+        "empty_folder": "no .mcap or .db3",
+        "empty.mcap": "empty",
+        "text.mcap": "does not begin like",
+        "text.db3": "cannot be read",
+    }.items():
         with pytest.raises(BagError, match=said) as caught:
             BagReader(tmp_path / name)
         assert str(tmp_path / name) in str(caught.value) and "\n" not in str(caught.value)
@@ -46,8 +51,9 @@ def test_metadata_yaml_never_leads_out_of_the_folder(tmp_path):
 def test_a_missing_file_of_two_is_said(tmp_path):
     bag = write_bag(tmp_path / "bag", 3)
     metadata = bag / "metadata.yaml"
-    metadata.write_text(metadata.read_text().replace(
-        f"  - {file_of(bag).name}\n", f"  - {file_of(bag).name}\n  - second.mcap\n", 1))
+    metadata.write_text(
+        metadata.read_text().replace(f"  - {file_of(bag).name}\n", f"  - {file_of(bag).name}\n  - second.mcap\n", 1)
+    )
     reader = BagReader(bag)
     assert reader.counts["/encoder"] == 3
     assert any("second.mcap" in str(problem) and "missing" in str(problem) for problem in reader.problems)
