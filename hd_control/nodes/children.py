@@ -1,4 +1,4 @@
-"""Child processes that never outlive us: own process groups, SIGINT first, SIGKILL last, no orphan on Ctrl-C."""
+"""Child processes that never outlive us: own process groups, SIGTERM first, SIGKILL last, no orphan on Ctrl-C."""
 
 from __future__ import annotations
 
@@ -59,9 +59,12 @@ class Children:
         return {name: p.returncode for name, p in self.processes.items() if p.poll() is not None}
 
     def stop(self, order: Sequence[str] = ()) -> dict[str, int]:
-        """SIGINT to all, those of `order` first, then SIGTERM, then SIGKILL; returns every exit code."""
+        """SIGTERM to all, those of `order` first, then SIGINT, then SIGKILL; returns every exit code.
+
+        SIGTERM goes first because a process that is still importing ends on it without a traceback.
+        """
         names = [*order, *(name for name in self.processes if name not in order)]
-        for number, grace in zip((signal.SIGINT, signal.SIGTERM, signal.SIGKILL), GRACE, strict=True):
+        for number, grace in zip((signal.SIGTERM, signal.SIGINT, signal.SIGKILL), GRACE, strict=True):
             for name in names:
                 self.signal(name, number)
             end = time.monotonic() + grace
