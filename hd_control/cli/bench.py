@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
@@ -70,6 +71,7 @@ def lines(rows: list[Result]) -> Iterator[str]:
     for row in rows:
         label = row.name if row.peer is None else f"  {row.peer}"
         ratio = ""
-        if row.peer is not None and ours.get(row.name) and row.median:
+        if row.peer is not None and ours.get(row.name) and row.median > 0.0:
             ratio = f"   {row.median / ours[row.name]:.3g} x"
-        yield f"{label:26}{row.median:12.4g}{row.min:12.4g}{row.p99:12.4g}  {row.unit}{ratio}"
+        cells = ("-" if math.isnan(value) else f"{value:.4g}" for value in (row.median, row.min, row.p99))
+        yield f"{label:26}" + "".join(f"{cell:>12}" for cell in cells) + f"  {row.unit}{ratio}"

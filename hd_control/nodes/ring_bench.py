@@ -132,7 +132,7 @@ class _Ring:
         self.node = rclpy.create_node(f"ring_{role}")
 
     def summary(self, trips: list[int], sent: int, elapsed: float) -> RingResult:
-        good = np.array(trips[WARM_UP:] or [0]) / 1000.0
+        good = np.array(trips[WARM_UP:] or [np.nan]) / 1000.0
         sent_counted = max(1, sent - WARM_UP)
         missed = 100.0 * max(0, sent_counted - len(trips[WARM_UP:])) / sent_counted
         return RingResult(float(np.percentile(good, 50)), float(np.percentile(good, 99)), missed, sent, sent / elapsed)
