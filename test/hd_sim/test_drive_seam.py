@@ -1,0 +1,96 @@
+"""The seam in front of the drives: arming, watchdog, brake, partial and stale commands."""
+
+import numpy as np
+import pytest
+
+from hd_control.stages.gate_values import limits_block
+from hd_sim.drive_seam import ARMING_SAMPLES, DriveSeam
+from hd_sim.plant import Plant, PlantConfig
+
+
+@pytest.fixture
+def seam():
+    config = PlantConfig.from_file("arm_a")
+    return DriveSeam(Plant(config), limits_block("limits.yaml", config.robot.joint_names, config.period))
+
+
+def _gravity(seam):
+    return seam.plant.gravity_torque(seam.plant.config.start_position)
+
+
+def _run(seam, first, last, command):
+    """Ticks [first, last) with a fresh command after each; returns the torques given to the drives."""
+    given = []
+    for tick in range(first, last):
+        torque, _ = seam.latch(tick)
+        given.append(torque.copy())
+        seam.advance()
+        if command is not None:
+            seam.offer(slice(None), command, tick)
+    return np.array(given)
+
+
+def test_the_drives_obey_only_after_a_run_of_healthy_commands(seam):
+    before = _run(seam, 0, ARMING_SAMPLES, _gravity(seam))
+    assert not seam.armed and seam.brake_closed and np.all(before == 0.0)
+    after = _run(seam, ARMING_SAMPLES, ARMING_SAMPLES + 20, _gravity(seam))
+    assert seam.armed and not seam.brake_closed
+    np.testing.assert_array_equal(after[-1], _gravity(seam))
+
+
+def test_a_gap_in_the_commands_starts_the_count_again(seam):
+    _run(seam, 0, ARMING_SAMPLES - 10, _gravity(seam))
+    _run(seam, ARMING_SAMPLES - 10, ARMING_SAMPLES, None)
+    assert seam.healthy == 0
+    _run(seam, ARMING_SAMPLES, ARMING_SAMPLES + 50, _gravity(seam))
+    assert not seam.armed
+
+
+def test_a_missing_command_is_held_then_stops_all_joints_at_the_age_limit(seam):
+    """The command of tick 199 acts in tick 200; from then on its age counts, and the tenth sample stops."""
+    _run(seam, 0, 200, _gravity(seam))
+    limit = int(seam.limits.age_limit)
+    held = _run(seam, 200, 200 + limit, None)
+    np.testing.assert_array_equal(held, np.tile(_gravity(seam), (limit, 1)))
+    assert not seam.stopped and seam.late == limit - 1
+    stopped = _run(seam, 200 + limit, 200 + limit + 1, None)
+    assert seam.stopped and seam.brake_closed
+    assert np.all(np.abs(stopped[0]) <= np.abs(held[-1]))
+    ramp = _run(seam, 200 + limit + 1, 700, None)
+    assert np.all(np.abs(np.diff(np.abs(ramp), axis=0).clip(min=0)) == 0.0) and np.all(ramp[-1] == 0.0)
+
+
+def test_a_stop_stays_when_the_commands_come_back_and_ends_only_by_reset(seam):
+    _run(seam, 0, 200, _gravity(seam))
+    _run(seam, 200, 260, None)
+    _run(seam, 260, 300, _gravity(seam))
+    assert seam.stopped
+    assert any("healthy" in reason for reason in seam.reset(np.zeros(7)))
+    _run(seam, 300, 900, _gravity(seam))
+    assert any("moves" in reason for reason in seam.reset(np.full(7, 0.5))) and seam.stopped
+    assert seam.reset(np.zeros(7)) == [] and not seam.stopped
+    _run(seam, 900, 1000, _gravity(seam))
+    assert not seam.brake_closed
+
+
+def test_joints_may_come_from_several_controllers_and_old_commands_are_dropped(seam):
+    for joint in range(6):
+        seam.offer([joint], np.array([1.0 + joint]), 5)
+    assert not seam.complete(5)
+    seam.offer(np.array([6]), np.array([7.0]), 5)
+    assert seam.complete(5)
+    np.testing.assert_array_equal(seam.command, np.arange(1.0, 8.0))
+    seam.offer([2], np.array([99.0]), 5)
+    seam.offer([2], np.array([99.0]), 4)
+    seam.offer(slice(None), np.full(7, 99.0), 5)
+    assert seam.stale == 3
+    np.testing.assert_array_equal(seam.command, np.arange(1.0, 8.0))
+
+
+def test_a_command_that_is_not_finite_never_reaches_the_drives(seam):
+    _run(seam, 0, 200, _gravity(seam))
+    bad = _gravity(seam)
+    bad[3] = np.nan
+    seam.offer(slice(None), bad, 200)
+    given = _run(seam, 201, 240, _gravity(seam))
+    assert seam.stopped and np.all(np.isfinite(given))
