@@ -226,37 +226,37 @@ class JoinedTurn:
         self.statistics = LoopStatistics(self._dt_ns)
 
     def __call__(self) -> None:
-        join = self.join
-        self._loop.waiter.wait(self._handles[join.last_missing()])
+        self._loop.waiter.wait(self._handles[self.join.last_missing()])
+        join = self.join  # after the wait: an activation may have begun a new one meanwhile
         for index, raw in enumerate(self._inputs):
             data = raw.take()
             if data is not None:
                 outcome = join.offer(index, data)
                 if outcome == COMPLETE:
-                    self._act()
+                    self._act(join)
                 elif outcome != STORED:
-                    self._unusual(index, raw, data, outcome)
+                    self._unusual(join, index, raw, data, outcome)
 
-    def _unusual(self, index: int, raw: RawInput, data: bytes, outcome: int) -> None:
+    def _unusual(self, join: _messages.Join, index: int, raw: RawInput, data: bytes, outcome: int) -> None:
         if outcome == OTHER_LAYOUT:
             translated = raw.translated(data)
-            outcome = FOREIGN if translated is None else self.join.offer(index, translated)
+            outcome = FOREIGN if translated is None else join.offer(index, translated)
             if outcome == COMPLETE:
-                self._act()
+                self._act(join)
         if outcome == FOREIGN:
             raw.foreign += 1
         elif outcome == REPEATED and self.active and self.on_repeat is not None:
             self.on_repeat()
 
-    def _act(self) -> None:
+    def _act(self, join: _messages.Join) -> None:
         if not self.active:
             return
         started = time.monotonic_ns()
-        tick, statistics = self.join.tick, self.statistics
+        tick, statistics = join.tick, self.statistics
         stamp_ns = tick * self._dt_ns
         statistics.age(stamp_ns)
         self._step(tick, stamp_ns)
-        statistics.incomplete = self.join.incomplete
+        statistics.incomplete = join.incomplete
         statistics.tick(tick, started, time.monotonic_ns())
 
     @property

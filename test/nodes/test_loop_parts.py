@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from hd_control.core.faults import Action, Fault, FaultCode
 from hd_control.core.parameters import Parameter, ParameterSet, Shape
 from hd_control.nodes.fast_messages import add_input, make_message
 from hd_control.nodes.loop_statistics import LoopStatistics
+from hd_control.nodes.ros_loop import JoinedTurn
 from hd_control.nodes.run_plan import RunPlan
 from hd_control.record.cdr import JointStateCodec
 from hd_control.stages.fault_book import FaultBook
@@ -176,3 +178,22 @@ def test_rclpy_is_imported_by_nodes_only() -> None:
                 f"{path}: {name}" for name in names if name.split(".")[0] in ("rclpy", "sensor_msgs", "std_msgs")
             ]
     assert not strangers
+
+
+def test_an_activation_during_the_wait_never_makes_a_tick_of_its_own() -> None:
+    """The first message after `restart` is joined by the new join: its tick is the message's, never -1."""
+
+    class Raw:
+        codec, foreign = CODEC, 0
+        subscription = SimpleNamespace(handle=None)
+
+        def take(self) -> bytes:
+            return CODEC.encode(0, "0" * 16, position=[1, 2])
+
+    numbers, acted = np.zeros(2), []
+    loop = SimpleNamespace(waiter=SimpleNamespace(wait=lambda handles: turn.restart()))
+    places = [{"position": [(numbers, range(2))]}]
+    turn = JoinedTurn(loop, [Raw()], places, lambda tick, stamp_ns: acted.append((tick, stamp_ns)), PERIOD_NS)
+    turn.active = True
+    turn()
+    assert acted == [(0, 0)] and turn.tick == 0
