@@ -1,0 +1,172 @@
+"""What a physical effect is: parameters, where it acts, and what it adds to the three balances of a joint.
+
+The drive model of one joint is three balances; every term is written once, as a **column** of the channel it acts on:
+
+    motor_torque    0 = I* phi'' - (u - tau_s) + sum coefficient * column     N m   column: torque that resists the rotor
+    transmission    q = phi - tau_s/k + ...    + sum coefficient * column     rad   column: what it adds to the joint reading
+    link_torque     0 = M q'' + b - tau_s      + sum coefficient * column     N m   column: torque that resists the link
+
+(equation sheet 1.1; tau_s is what the gauge bridge indicates.) Columns are functions of the drive's state and of the
+effect's **shape** (the parameters in which it is not linear); the physical coefficients multiply them. So one file serves
+evaluation (known values), regression (unknown coefficients, shapes searched) and prediction (state by state).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Shape = Mapping[str, Any]
+"""Values of the parameters in which an effect is not linear, by name; and choices of form."""
+Columns = dict[str, FloatArray]
+"""Channel -> (n, k): what the k coefficients of the effect multiply. A channel that is not named has zeros."""
+
+MOTOR, TRANSMISSION, LINK = "motor_torque", "transmission", "link_torque"
+CHANNELS = (MOTOR, TRANSMISSION, LINK)
+UNITS = {MOTOR: "N m", TRANSMISSION: "rad", LINK: "N m"}
+
+
+@dataclass(frozen=True)
+class DriveStates:
+    """The state of one joint at n instants: arrays (n,), SI, output side of the gear; NaN where not measured.
+
+    In a regression the instants are the samples of a recording, evenly spaced; in a prediction they are independent
+    runs at one time. `joint_torque` is the flexspline torque as well as it is known, `gauge_torque` what the bridge
+    indicates (equal if no gauge effect is known). `motor_direction` is the exact sign of the motor velocity, 0 while the
+    motor rests or only presliding happens. `torque_scale` is the 98 % quantile of |gauge torque| of the recording.
+    `link_inertia_torque` M q'' and `link_bias_torque` (gravity, Coriolis) are the nominal link dynamics of the joint.
+    `link_regressor` (n, 10) and `tool_regressor` (n, 10): torque at this joint per inertial parameter (mass, first
+    moments, inertia about the joint frame's origin) of a body carried by the own link and by the last link; None without
+    a robot description.
+    """
+
+    period: float
+    gear_ratio: float
+    torque_scale: float
+    time: FloatArray
+    motor_position: FloatArray
+    motor_velocity: FloatArray
+    motor_acceleration: FloatArray
+    motor_direction: FloatArray
+    joint_position: FloatArray
+    joint_velocity: FloatArray
+    joint_acceleration: FloatArray
+    gauge_torque: FloatArray
+    joint_torque: FloatArray
+    joint_torque_rate: FloatArray
+    motor_torque: FloatArray
+    temperature: FloatArray
+    link_inertia_torque: FloatArray
+    link_bias_torque: FloatArray
+    link_regressor: FloatArray | None = None
+    tool_regressor: FloatArray | None = None
+
+    @property
+    def motor_shaft_position(self) -> FloatArray:
+        """Rotor angle before the gear, rad."""
+        return self.gear_ratio * self.motor_position
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """One parameter: name, unit, meaning, physical bounds; `linear`: it multiplies a column."""
+
+    name: str
+    unit: str
+    meaning: str
+    low: float = -np.inf
+    high: float = np.inf
+    linear: bool = True
+    default: float | None = None
+
+
+@dataclass(frozen=True)
+class Confusion:
+    """Another effect that leaves nearly the same trace, and the experiment that separates the two."""
+
+    effect: str
+    experiment: str
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A case with a known answer: shape and states in, columns out. For the conformance tests."""
+
+    shape: Shape
+    states: Mapping[str, Any]
+    columns: Mapping[str, Any]
+    tolerance: float = 1e-12
+
+
+@dataclass(frozen=True)
+class Context:
+    """What the change between coefficients and physical parameters may need: the stiffness N m/rad of the linear spring,
+    the Coulomb torque N m, and the torque scale N m of the recording."""
+
+    torsional_stiffness: float
+    coulomb_torque: float
+    torque_scale: float
+    extra: Mapping[str, float] = field(default_factory=dict)
+
+
+class Effect(ABC):
+    """A physical effect. Subclasses are final, hold no state and define the class variables and class methods below."""
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    """For people, in words, lower case: "kinematic error of the gear"."""
+    evidence: ClassVar[str]
+    """What its residual looks like, as a clause: "repeats twice per wave-generator turn in both directions"."""
+    parameters: ClassVar[tuple[EffectParameter, ...]]
+    in_every_model: ClassVar[bool] = False
+    confusions: ClassVar[tuple[Confusion, ...]] = ()
+    references: ClassVar[tuple[Reference, ...]] = ()
+
+    @classmethod
+    @abstractmethod
+    def columns(cls, states: DriveStates, shape: Shape) -> Columns:
+        """What the effect's coefficients multiply, by channel, at all states, (n, k); memory starts at rest."""
+
+    @classmethod
+    @abstractmethod
+    def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:
+        """Names of the k linear coefficients, in the order of the columns."""
+
+    @classmethod
+    def shapes(cls, states: DriveStates) -> Sequence[Shape]:
+        """The shapes that a search tries on this recording, coarse first guess of each; never empty."""
+        return ({},)
+
+    @classmethod
+    def shape_bounds(cls, shape: Shape, states: DriveStates) -> dict[str, tuple[float, float]]:
+        """Bounds of the continuous entries of a shape for refinement; entries that are choices are left out."""
+        return {}
+
+    @classmethod
+    def split(cls, values: Mapping[str, float], context: Context) -> tuple[Shape, FloatArray]:
+        """Physical parameter values -> (shape, coefficients (k,))."""
+        linear = {parameter.name for parameter in cls.parameters if parameter.linear}
+        shape = {name: value for name, value in values.items() if name not in linear}
+        return shape, np.array([values.get(name, 0.0) for name in cls.coefficient_names(shape)])
+
+    @classmethod
+    def join(cls, shape: Shape, coefficients: FloatArray, context: Context) -> dict[str, float]:
+        """(shape, coefficients) -> physical parameter values, those that a model file holds. Inverse of `split`."""
+        named = dict(zip(cls.coefficient_names(shape), coefficients.tolist(), strict=True))
+        return named | {name: float(value) for name, value in shape.items()}
+
+    @classmethod
+    def memory(cls, shape: Shape, runs: int) -> FloatArray:
+        """Initial memory (m, runs) of a prediction; (0, runs) for an effect without memory."""
+        return np.zeros((0, runs))
+
+    @classmethod
+    def advance(cls, states: DriveStates, shape: Shape, memory: FloatArray) -> tuple[Columns, FloatArray]:
+        """One step of `states.period` of a prediction: the columns at the states and the new memory."""
+        return cls.columns(states, shape), memory
