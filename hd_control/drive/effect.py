@@ -1,13 +1,13 @@
 """What a physical effect is: parameters, where it acts, and what it adds to the three balances of a joint.
 
-The drive model of one joint is three balances; every term is written once, as a **column** of the channel it acts on:
+The model of one joint is three balances; every term is written once, as a **column** of the channel it acts on:
 
-    motor_torque    0 = I* phi'' - (u - tau_s) + sum coefficient * column     N m   column: torque that resists the rotor
-    transmission    q = phi - tau_s/k + ...    + sum coefficient * column     rad   column: what it adds to the joint reading
-    link_torque     0 = M q'' + b - tau_s      + sum coefficient * column     N m   column: torque that resists the link
+    motor_torque    0 = I* phi'' - (u - tau_s) + sum coefficient * column    N m    column: torque that resists the rotor
+    transmission    q = phi - tau_s/k + ...    + sum coefficient * column    rad    column: what it adds to the reading q
+    link_torque     0 = M q'' + b - tau_s      + sum coefficient * column    N m    column: torque that resists the link
 
 (equation sheet 1.1; tau_s is what the gauge bridge indicates.) Columns are functions of the drive's state and of the
-effect's **shape** (the parameters in which it is not linear); the physical coefficients multiply them. So one file serves
+effect's **shape** (the parameters in which it is not linear); physical coefficients multiply them. So one file serves
 evaluation (known values), regression (unknown coefficients, shapes searched) and prediction (state by state).
 """
 
@@ -38,12 +38,12 @@ class DriveStates:
 
     In a regression the instants are the samples of a recording, evenly spaced; in a prediction they are independent
     runs at one time. `joint_torque` is the flexspline torque as well as it is known, `gauge_torque` what the bridge
-    indicates (equal if no gauge effect is known). `motor_direction` is the exact sign of the motor velocity, 0 while the
-    motor rests or only presliding happens. `torque_scale` is the 98 % quantile of |gauge torque| of the recording.
+    indicates (equal if no gauge effect is known). `motor_direction` is the exact sign of the motor velocity, 0 while
+    the motor rests or only presliding happens. `torque_scale` is the 98 % quantile of |gauge torque| of the recording.
     `link_inertia_torque` M q'' and `link_bias_torque` (gravity, Coriolis) are the nominal link dynamics of the joint.
     `link_regressor` (n, 10) and `tool_regressor` (n, 10): torque at this joint per inertial parameter (mass, first
-    moments, inertia about the joint frame's origin) of a body carried by the own link and by the last link; None without
-    a robot description.
+    moments, inertia about the joint frame's origin) of a body carried by the own link and by the last link; None
+    without a robot description.
     """
 
     period: float
@@ -106,8 +106,8 @@ class Reference:
 
 @dataclass(frozen=True)
 class Context:
-    """What the change between coefficients and physical parameters may need: the stiffness N m/rad of the linear spring,
-    the Coulomb torque N m, and the torque scale N m of the recording."""
+    """What the change between coefficients and physical parameters may need: stiffness N m/rad of the linear spring,
+    Coulomb torque N m, and torque scale N m of the recording."""
 
     torsional_stiffness: float
     coulomb_torque: float
