@@ -2,9 +2,9 @@
 
 The model of one joint is three balances; every term is written once, as a **column** of the channel it acts on:
 
-    motor_torque    0 = I* phi'' - (u - tau_s) + sum coefficient * column    N m    column: torque that resists the rotor
-    transmission    q = phi - tau_s/k + ...    + sum coefficient * column    rad    column: what it adds to the reading q
-    link_torque     0 = M q'' + b - tau_s      + sum coefficient * column    N m    column: torque that resists the link
+    motor_torque    0 = I* phi'' - (u - tau_s) + sum coefficient * column   N m    column: torque that resists the rotor
+    transmission    q = phi - tau_s/k + ...    + sum coefficient * column   rad    column: what it adds to the reading q
+    link_torque     0 = M q'' + b - tau_s      + sum coefficient * column   N m    column: torque that resists the link
 
 (equation sheet 1.1; tau_s is what the gauge bridge indicates.) Columns are functions of the drive's state and of the
 effect's **shape** (the parameters in which it is not linear); physical coefficients multiply them. So one file serves
