@@ -1,0 +1,137 @@
+"""Zero-phase filters, derivatives and decimation in the frequency domain, for whole recordings at once.
+
+One instance belongs to one evenly spaced recording. Signals are continued at both ends by odd reflection, their trend is
+removed before the transform and restored after it, so that a position that does not return leaves no step at the ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+PADDING_S = 2.4
+STEPS = (1, 2, 3, 4, 6, 8, 12, 24)
+EDGE_S = 0.5
+"""s cut at both ends of a recording: there the filters have seen the reflection."""
+
+
+@dataclass(frozen=True)
+class Band:
+    """Flat to `flat` Hz, cosine taper to zero at `zero` Hz, then every `step`-th sample is kept."""
+
+    flat: float
+    zero: float
+    step: int = 1
+
+    def gain(self, frequency: FloatArray) -> FloatArray:
+        """The filter's gain at `frequency` Hz."""
+        x = np.clip((frequency - self.flat) / (self.zero - self.flat), 0.0, 1.0)
+        return np.asarray(0.5 + 0.5 * np.cos(np.pi * x))
+
+    @property
+    def support_s(self) -> float:
+        """s on each side over which a single sample is smeared noticeably (first side lobes of the taper)."""
+        return 1.5 / (self.flat + self.zero)
+
+
+def band_for(period: float, flat: float, zero: float) -> Band:
+    """A band for samples of `period` s, lowered where the rate does not carry it, decimated to at least 2.08 x `zero`."""
+    rate = 1.0 / period
+    scale = min(1.0, 0.4 * rate / zero)
+    flat, zero = scale * flat, scale * zero
+    step = max(divisor for divisor in STEPS if divisor <= max(1.0, rate / (2.08 * zero)))
+    return Band(flat, zero, step)
+
+
+class Spectral:
+    """Filters for signals of `samples` samples, `period` s apart; every `Band.step` must divide `multiple`."""
+
+    def __init__(self, samples: int, period: float, multiple: int = 24) -> None:
+        from scipy.fft import next_fast_len
+
+        self.samples, self.period = samples, period
+        pad = min(round(PADDING_S / period), samples - 1)
+        self._pad = pad - pad % multiple
+        self._length = multiple * next_fast_len(-(-(samples + 2 * self._pad) // multiple), real=True)
+
+    @cached_property
+    def frequency(self) -> FloatArray:
+        """Hz of the bins, (length // 2 + 1,)."""
+        return np.asarray(np.fft.rfftfreq(self._length, self.period))
+
+    def transform(self, signal: FloatArray) -> tuple[NDArray[np.complex128], FloatArray]:
+        """Spectrum (bins, k) and trend (2, k) of signals (n,) or (n, k) without gaps."""
+        from scipy.fft import rfft
+
+        x = signal.reshape(self.samples, -1)
+        pad = self._pad
+        padded = np.empty((self._length, x.shape[1]))
+        end = pad + self.samples
+        padded[pad:end] = x
+        padded[:pad] = 2.0 * x[0] - x[pad:0:-1]
+        padded[end : end + pad] = 2.0 * x[-1] - x[-2 : -pad - 2 : -1] if pad else x[:0]
+        first, last = padded[0].copy(), padded[end + pad - 1].copy()
+        slope = (last - first) / max(1, end + pad - 1)
+        padded[: end + pad] -= first + slope * np.arange(end + pad)[:, None]
+        padded[end + pad :] = 0.0
+        trend = np.stack([first + slope * pad, slope / self.period])
+        return rfft(padded, axis=0, overwrite_x=True), trend
+
+    def back(
+        self,
+        spectrum: NDArray[np.complex128],
+        trend: FloatArray,
+        band: Band,
+        derivative: int = 0,
+        factor: NDArray[np.complex128] | None = None,
+    ) -> FloatArray:
+        """The filtered `derivative`-th derivative, (rows, k), at every `band.step`-th sample.
+
+        `factor` (bins,) multiplies the spectrum further (delay, hold); at 0 Hz it must be 1.
+        """
+        from scipy.fft import irfft
+
+        length = self._length // band.step
+        bins = length // 2 + 1
+        frequency = self.frequency[:bins]
+        gain = band.gain(frequency) * (2j * np.pi * frequency) ** derivative
+        if factor is not None:
+            gain = gain * factor[:bins]
+        x = irfft(spectrum[:bins] * gain[:, None], length, axis=0) / band.step
+        start, rows = self._pad // band.step, self.rows(band)
+        x = x[start : start + rows]
+        if derivative == 0:
+            delay = 0.0 if factor is None else _group_delay(factor, self.frequency)
+            x += trend[0] + trend[1] * (band.step * self.period * np.arange(rows) - delay)[:, None]
+        elif derivative == 1:
+            x += trend[1]
+        return np.asarray(x)
+
+    def filter(
+        self,
+        signal: FloatArray,
+        band: Band,
+        derivative: int = 0,
+        factor: NDArray[np.complex128] | None = None,
+    ) -> FloatArray:
+        """`back(transform(signal))` in the shape of `signal`: (rows,) or (rows, k)."""
+        x = self.back(*self.transform(signal), band, derivative, factor)
+        return x[:, 0] if signal.ndim == 1 else x
+
+    def rows(self, band: Band) -> int:
+        """Number of samples that a band keeps."""
+        return -(-self.samples // band.step)
+
+    def hold(self, delay: float = 0.0) -> NDArray[np.complex128]:
+        """Spectrum factor of a zero-order hold over one period, and a further delay of `delay` s."""
+        f = self.frequency
+        return np.asarray(np.sinc(f * self.period) * np.exp(-1j * np.pi * f * (self.period + 2.0 * delay)))
+
+
+def _group_delay(factor: NDArray[np.complex128], frequency: FloatArray) -> float:
+    """Delay s of a factor at low frequency."""
+    return float(-np.angle(factor[1]) / (2.0 * np.pi * frequency[1]))

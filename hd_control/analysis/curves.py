@@ -1,0 +1,185 @@
+"""Curves without a law: piecewise-linear functions of one variable, the net for effects that no library entry explains."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from hd_control.analysis.bands import FloatArray
+from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, Columns, DriveStates
+
+ORDERS = (1, 2, 3, 4, 6)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A free curve: the variables that it depends on, in words, and its columns by channel.
+
+    `knots` (K,) of the variable, `kind` plain | with direction | with speed | with torque (what the curve multiplies).
+    """
+
+    name: str
+    variables: tuple[str, ...]
+    columns: Columns
+    knots: FloatArray
+    variable: str
+    kind: str = "plain"
+
+
+def hats(x: FloatArray, knots: FloatArray) -> FloatArray:
+    """Piecewise-linear hat functions (n, K); constant beyond the outer knots."""
+    position = np.interp(x, knots, np.arange(knots.size))
+    return np.asarray(np.clip(1.0 - np.abs(position[:, None] - np.arange(knots.size)), 0.0, None))
+
+
+def quantile_knots(x: FloatArray, count: int) -> FloatArray:
+    """Knots at even quantiles, duplicates removed."""
+    knots = np.unique(np.quantile(x, np.linspace(0.005, 0.995, count)))
+    return np.asarray(knots)
+
+
+def even_knots(x: FloatArray, count: int) -> FloatArray:
+    """Knots at even distances over the range of x."""
+    low, high = np.quantile(x, [0.001, 0.999])
+    return np.linspace(low, high, count)
+
+
+def _usable(x: FloatArray, least: float) -> bool:
+    return bool(np.isfinite(x).all() and np.ptp(np.quantile(x, [0.01, 0.99])) > least)
+
+
+Factor = Callable[[DriveStates], FloatArray]
+FACTORS: dict[str, Factor] = {
+    "with direction": lambda s: s.motor_direction,
+    "with speed": lambda s: s.motor_velocity,
+    "with torque": lambda s: s.joint_torque,
+}
+
+
+def curves(states: DriveStates, channels: set[str], time_too: bool = True) -> list[Curve]:
+    """All free curves that this recording's signals and motion allow."""
+    found: list[Curve] = []
+    if MOTOR in channels:
+        found += _motor_curves(states, time_too)
+    if TRANSMISSION in channels:
+        found += _transmission_curves(states, time_too)
+    if LINK in channels:
+        found += _link_curves(states, time_too)
+    if MOTOR in channels and LINK in channels:
+        found += _gauge_curves(states, time_too)
+    return found
+
+
+def _make(
+    channel: str, states: DriveStates, variable: str, x: FloatArray, knots: FloatArray, kind: str = "plain"
+) -> list[Curve]:
+    if knots.size < 3:
+        return []
+    columns = hats(x, knots)
+    if kind != "plain":
+        columns = columns * FACTORS[kind](states)[:, None]
+    variables = (variable,) if kind == "plain" else (variable, kind.removeprefix("with "))
+    return [Curve(f"{channel}: {variable} {kind}", variables, {channel: columns}, knots, variable, kind)]
+
+
+def _orders(channel: str, states: DriveStates, kind: str = "plain") -> Curve:
+    angle = states.motor_shaft_position[:, None] * np.array(ORDERS)
+    columns = np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
+    if kind != "plain":
+        columns = columns * FACTORS[kind](states)[:, None]
+    variables = ("motor_angle",) if kind == "plain" else ("motor_angle", kind.removeprefix("with "))
+    knots = np.array(ORDERS, dtype=float)
+    return Curve(f"{channel}: motor_angle {kind}", variables, {channel: columns}, knots, "motor_angle", kind)
+
+
+def _turned(states: DriveStates) -> bool:
+    return bool(np.ptp(states.motor_shaft_position) > 2.0 * np.pi)
+
+
+def _motor_curves(s: DriveStates, time_too: bool) -> list[Curve]:
+    found: list[Curve] = []
+    if _usable(s.motor_velocity, 1e-3):
+        found += _make(MOTOR, s, "speed", s.motor_velocity, quantile_knots(s.motor_velocity, 15))
+    if _usable(s.joint_position, 0.02):
+        knots = even_knots(s.joint_position, 24)
+        found += _make(MOTOR, s, "joint_angle", s.joint_position, knots)
+        found += _make(MOTOR, s, "joint_angle", s.joint_position, knots, "with direction")
+    if np.isfinite(s.joint_torque).all() and _usable(s.joint_torque, 1e-6):
+        load = np.abs(s.joint_torque)
+        found += _make(MOTOR, s, "torque", s.joint_torque, quantile_knots(s.joint_torque, 9))
+        found += _make(MOTOR, s, "load", load, quantile_knots(load, 7), "with direction")
+        found += _make(MOTOR, s, "load", load, quantile_knots(load, 7), "with speed")
+        found += [_orders(MOTOR, s, "with torque")] if _turned(s) else []
+    if time_too:
+        knots = even_knots(s.time, 12)
+        for kind in ("plain", "with direction", "with speed"):
+            found += _make(MOTOR, s, "time", s.time, knots, kind)
+    if _usable(s.temperature, 1.0):
+        knots = even_knots(s.temperature, 6)
+        for kind in ("plain", "with direction"):
+            found += _make(MOTOR, s, "temperature", s.temperature, knots, kind)
+    if np.isfinite(s.motor_torque).all() and _usable(s.motor_torque, 1e-6):
+        found += _make(MOTOR, s, "motor_torque", s.motor_torque, quantile_knots(s.motor_torque, 9))
+    if _turned(s):
+        found += [_orders(MOTOR, s), _orders(MOTOR, s, "with direction")]
+    return found
+
+
+def _transmission_curves(s: DriveStates, time_too: bool) -> list[Curve]:
+    found: list[Curve] = []
+    if _usable(s.joint_torque, 1e-6):
+        found += _make(TRANSMISSION, s, "torque", s.joint_torque, quantile_knots(s.joint_torque, 15))
+    if _usable(s.joint_position, 0.02):
+        found += _make(TRANSMISSION, s, "joint_angle", s.joint_position, even_knots(s.joint_position, 72))
+    if time_too:
+        found += _make(TRANSMISSION, s, "time", s.time, even_knots(s.time, 12))
+    if _usable(s.motor_velocity, 1e-3):
+        found += _make(TRANSMISSION, s, "speed", s.motor_velocity, quantile_knots(s.motor_velocity, 11))
+    if _usable(s.temperature, 1.0):
+        found += _make(TRANSMISSION, s, "temperature", s.temperature, even_knots(s.temperature, 6))
+    if _turned(s):
+        found += [_orders(TRANSMISSION, s), _orders(TRANSMISSION, s, "with torque")]
+    return found
+
+
+def _link_curves(s: DriveStates, time_too: bool) -> list[Curve]:
+    found: list[Curve] = []
+    if _usable(s.joint_position, 0.02):
+        found += _make(LINK, s, "joint_angle", s.joint_position, even_knots(s.joint_position, 24))
+    if _usable(s.joint_velocity, 1e-3):
+        found += _make(LINK, s, "joint_speed", s.joint_velocity, quantile_knots(s.joint_velocity, 15))
+    if time_too:
+        found += _make(LINK, s, "time", s.time, even_knots(s.time, 12))
+    if _usable(s.temperature, 1.0):
+        found += _make(LINK, s, "temperature", s.temperature, even_knots(s.temperature, 6))
+    if _usable(s.joint_torque, 1e-6):
+        found += _make(LINK, s, "torque", s.joint_torque, quantile_knots(s.joint_torque, 9))
+    if _turned(s):
+        found += [_orders(LINK, s)]
+    return found
+
+
+def _gauge_curves(s: DriveStates, time_too: bool) -> list[Curve]:
+    """The gauge reads wrong: -1 in the motor balance, +1 in the link balance, one curve."""
+    sources: list[tuple[str, FloatArray, FloatArray]] = []
+    if time_too:
+        sources.append(("time", s.time, even_knots(s.time, 12)))
+    if _usable(s.temperature, 1.0):
+        sources.append(("temperature", s.temperature, even_knots(s.temperature, 6)))
+    if _usable(s.joint_torque, 1e-6):
+        sources.append(("torque", s.joint_torque, quantile_knots(s.joint_torque, 9)))
+    found = []
+    for variable, x, knots in sources:
+        if knots.size >= 3:
+            columns = hats(x, knots)
+            both = {MOTOR: -columns, LINK: columns}
+            found.append(Curve(f"gauge: {variable} plain", (variable,), both, knots, variable))
+    if _turned(s):
+        orders = _orders(LINK, s).columns[LINK]
+        both = {MOTOR: -orders, LINK: orders}
+        found.append(
+            Curve("gauge: motor_angle plain", ("motor_angle",), both, np.array(ORDERS, dtype=float), "motor_angle")
+        )
+    return found

@@ -1,0 +1,244 @@
+"""The three balances of one joint as linear equations, row by row: what is measured, what is known, what is free.
+
+    motor_torque    -I0 phi'' = -a (u_z - tau_s) + k_c s + k_v phi' + sum theta x       a = I0 / I*
+    transmission     q - phi  = -tau_s / k + (d / k) tau_s' + c0    + sum theta x
+    link_torque     -M q''    = -b (tau_s - g)                      + sum theta x       b = nominal / true inertia
+
+The noisy derivative stands on the left: a noisy regressor would be biased towards zero and hand its loss to an innocent
+effect, and a left side u - tau_s would make gain errors an identity. Where the motion has too little acceleration for
+that (the left side would be noise, and a = 0 would explain it), the torque stands on the left, a = 1, and the inertia
+enters as a correction with its prior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from hd_control.analysis.bands import Band, FloatArray, Spectral, band_for
+from hd_control.analysis.joint_states import BoolArray, Derived, derive, drive_states, noise_density
+from hd_control.analysis.signals import JointSignals
+from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, DriveStates
+
+BANDS = {MOTOR: (38.0, 60.0), TRANSMISSION: (80.0, 122.0), LINK: (30.0, 41.0)}
+"""Hz, flat and zero. Motor: feedback noise of the encoder returns through the controller into u above it."""
+MASK_MARGIN_S = 0.02
+ACCELERATION_SNR = 10.0
+"""Power ratio of acceleration to its noise from which on the acceleration may stand alone on the left."""
+
+LinkTerms = tuple[FloatArray, FloatArray, FloatArray | None, FloatArray | None]
+"""Nominal M q'' and bias (rows,), own-link and tool regressors (rows, 10) or None, at the rows of the link channel."""
+LinkFunction = Callable[[Band, Spectral], LinkTerms]
+
+
+@dataclass(frozen=True)
+class Base:
+    """A free column that every model has. `prior` is the standard deviation of its coefficient around zero."""
+
+    name: str
+    column: FloatArray
+    prior: float = np.inf
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One balance on its decimated rows: `left` (rows,) = base columns and effects; unit of the channel.
+
+    `scale`: index of the base column whose coefficient (negated) is a or b; None where the torque stands on the left.
+    """
+
+    name: str
+    band: Band
+    spectral: Spectral
+    time: FloatArray
+    valid: BoolArray
+    left: FloatArray
+    base: tuple[Base, ...]
+    scale: int | None
+    snr: float
+
+    def rows_of(self, columns: FloatArray) -> FloatArray:
+        """Columns (n, k) at the rate of the recording -> (rows, k), filtered as the left side is."""
+        return self.spectral.filter(columns, self.band)
+
+    @property
+    def base_matrix(self) -> FloatArray:
+        """(rows, number of base columns)."""
+        return np.column_stack([base.column for base in self.base])
+
+
+@dataclass(frozen=True)
+class JointEquations:
+    """All balances that one joint's signals allow. `inertia`: the rotor inertia I0 that scales the motor balance."""
+
+    joint: str
+    states: DriveStates
+    derived: Derived
+    spectral: Spectral
+    channels: Mapping[str, Channel]
+    inertia: float
+    substituted: tuple[str, ...] = field(default=())
+
+    def with_scales(self, scales: Mapping[str, float]) -> JointEquations:
+        """The same equations with left sides divided by the estimated a and b, so that the next estimate is near 1."""
+        channels = {
+            name: replace(channel, left=channel.left / scales.get(name, 1.0)) for name, channel in self.channels.items()
+        }
+        return replace(self, channels=channels, inertia=self.inertia / scales.get(MOTOR, 1.0))
+
+
+@dataclass(frozen=True)
+class Known:
+    """What the model says of one joint before anything is fitted; prior standard deviations relative to the value."""
+
+    gear_ratio: float
+    rotor_inertia: float
+    rotor_inertia_prior: float = 0.1
+    link_inertia_prior: float = 0.1
+    command_delay: float = 0.0
+
+
+def build_equations(signals: JointSignals, known: Known, link: LinkFunction | None) -> JointEquations:
+    """The balances that the present signals allow. `link` gives the nominal link terms; None: there are none."""
+    spectral = Spectral(signals.time.size, signals.period)
+    derived = derive(signals, known.gear_ratio, spectral)
+    states = drive_states(signals, known.gear_ratio, spectral, derived)
+    substituted: list[str] = []
+    terms = link(_link_band(signals.period), spectral) if link is not None else None
+    if terms is not None:
+        states = _with_link(states, terms, _link_band(signals.period))
+        if signals.gauge_torque is None:
+            torque = states.link_inertia_torque + states.link_bias_torque
+            scale = float(np.quantile(np.abs(torque[derived.usable]), 0.98))
+            states = replace(states, gauge_torque=torque, joint_torque=torque, torque_scale=max(scale, 1e-9))
+            substituted.append("gauge_torque")
+    builder = _Builder(signals, known, spectral, derived, states, terms, tuple(substituted))
+    channels = {
+        name: channel
+        for name, channel in ((MOTOR, builder.motor()), (TRANSMISSION, builder.transmission()), (LINK, builder.link()))
+        if channel is not None
+    }
+    return JointEquations(
+        signals.joint, states, derived, spectral, channels, known.rotor_inertia, builder.substituted
+    )
+
+
+def _link_band(period: float) -> Band:
+    return band_for(period, *BANDS[LINK])
+
+
+def _with_link(states: DriveStates, terms: LinkTerms, band: Band) -> DriveStates:
+    """The link terms at the rate of the recording, by cubic splines through the rows of the link channel."""
+    from scipy.interpolate import CubicSpline
+
+    time = states.time[:: band.step]
+
+    def fine(rows: FloatArray | None) -> FloatArray | None:
+        return None if rows is None else np.asarray(CubicSpline(time, rows, axis=0)(states.time))
+
+    inertia, bias, own, tool = (fine(rows) for rows in terms)
+    assert inertia is not None and bias is not None
+    return replace(
+        states, link_inertia_torque=inertia, link_bias_torque=bias, link_regressor=own, tool_regressor=tool
+    )
+
+
+@dataclass(frozen=True)
+class _Builder:
+    signals: JointSignals
+    known: Known
+    spectral: Spectral
+    derived: Derived
+    states: DriveStates
+    terms: LinkTerms | None
+    substituted: tuple[str, ...]
+
+    def motor(self) -> Channel | None:
+        """Balance of the rotor; with a substituted joint torque it is the balance of rotor and link together."""
+        s, filled = self.signals, self.derived.filled
+        if s.motor_torque is None or "gauge_torque" not in filled and "gauge_torque" not in self.substituted:
+            return None
+        if s.motor_shaft_position is None and "gauge_torque" not in self.substituted:
+            return None
+        band, sp = band_for(s.period, *BANDS[MOTOR]), self.spectral
+        held = sp.filter(filled["motor_torque"], band, 0, sp.hold(self.known.command_delay))
+        acceleration = sp.filter(filled["motor_position"], band, 2)
+        if "gauge_torque" in self.substituted:
+            assert self.terms is not None
+            left = -self.known.rotor_inertia * acceleration - sp.filter(self.states.link_inertia_torque, band)
+            drive = held - sp.filter(self.states.link_bias_torque, band)
+        else:
+            left = -self.known.rotor_inertia * acceleration
+            drive = held - sp.filter(self.states.gauge_torque, band)
+        friction = [
+            Base("coulomb_friction", sp.filter(self.states.motor_direction, band)),
+            Base("viscous_friction", sp.filter(self.states.motor_velocity, band)),
+        ]
+        valid = self._valid(band, self.derived.usable & self.derived.sliding)
+        snr = self._snr(filled["motor_position"], band, acceleration, valid)
+        prior = self.known.rotor_inertia_prior
+        return self._channel(MOTOR, band, valid, left, drive, friction, prior, snr)
+
+    def link(self) -> Channel | None:
+        """Balance of the link side against the gauge."""
+        if self.terms is None or self.signals.gauge_torque is None:
+            return None
+        band, sp = _link_band(self.signals.period), self.spectral
+        left = -self.terms[0]
+        drive = sp.filter(self.states.gauge_torque - self.states.link_bias_torque, band)
+        valid = self._valid(band, self.derived.usable)
+        position = self.derived.filled["joint_position"]
+        snr = self._snr(position, band, sp.filter(position, band, 2), valid)
+        return self._channel(LINK, band, valid, left, drive, [], self.known.link_inertia_prior, snr)
+
+    def transmission(self) -> Channel | None:
+        """Torsion against torque."""
+        s, filled, sp = self.signals, self.derived.filled, self.spectral
+        if s.motor_shaft_position is None or s.joint_position is None or not np.isfinite(self.states.gauge_torque).all():
+            return None
+        band = band_for(s.period, *BANDS[TRANSMISSION])
+        left = sp.filter(filled["joint_position"] - filled["motor_position"], band)
+        torque = sp.transform(self.states.gauge_torque)
+        base = (
+            Base("torsional_compliance", -sp.back(*torque, band)[:, 0]),
+            Base("torsional_damping", sp.back(*torque, band, 1)[:, 0]),
+            Base("transmission_zero", np.ones(left.size)),
+        )
+        valid = self._valid(band, self.derived.usable)
+        return Channel(TRANSMISSION, band, sp, s.time[:: band.step], valid, left, base, None, np.inf)
+
+    def _channel(
+        self,
+        name: str,
+        band: Band,
+        valid: BoolArray,
+        left: FloatArray,
+        drive: FloatArray,
+        more: list[Base],
+        prior: float,
+        snr: float,
+    ) -> Channel:
+        time = self.signals.time[:: band.step]
+        if snr >= ACCELERATION_SNR:
+            base = (Base("drive_torque", -drive), *more)
+            return Channel(name, band, self.spectral, time, valid, left, base, 0, snr)
+        base = (Base("inertia_correction", -left, prior), *more)
+        return Channel(name, band, self.spectral, time, valid, left + drive, base, None, snr)
+
+    def _valid(self, band: Band, usable: BoolArray) -> BoolArray:
+        """Rows whose surroundings are usable."""
+        margin = round(max(MASK_MARGIN_S, band.support_s) / self.signals.period)
+        bad = np.concatenate([[0], np.cumsum(~usable)])
+        index = np.arange(0, usable.size, band.step)
+        low, high = np.maximum(index - margin, 0), np.minimum(index + margin + 1, usable.size)
+        return np.asarray(bad[high] == bad[low])
+
+    def _snr(self, position: FloatArray, band: Band, acceleration: FloatArray, valid: BoolArray) -> float:
+        """Power of the acceleration over the power that white position noise has in it."""
+        sigma = noise_density(position, self.signals.period)
+        f = np.linspace(0.0, band.zero, 400)
+        power = 2.0 * self.signals.period * sigma**2 * np.trapezoid((2 * np.pi * f) ** 4 * band.gain(f) ** 2, f)
+        total = float(np.mean(acceleration[valid] ** 2)) if valid.any() else 0.0
+        return max(0.0, total / power - 1.0) if power > 0.0 else np.inf

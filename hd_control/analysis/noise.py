@@ -1,0 +1,60 @@
+"""Noise of a channel as an autoregression; whitening makes its rows independent with unit variance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hd_control.analysis.bands import FloatArray
+from hd_control.analysis.joint_states import BoolArray
+
+ORDER = 16
+
+
+@dataclass(frozen=True)
+class Noise:
+    """e_k + sum_i lags[i] e_{k-1-i} = scale * white. lags (ORDER,), scale in the channel's unit.
+
+    `deviation`: standard deviation of the noise itself in the channel's band, same unit (the noise floor).
+    """
+
+    lags: FloatArray
+    scale: float
+    deviation: float
+
+    def whiten(self, rows: FloatArray) -> FloatArray:
+        """Whitened rows (n,) or (n, k); the first ORDER rows are not usable."""
+        out = rows / self.scale
+        for lag, weight in enumerate(self.lags, 1):
+            out[lag:] += (weight / self.scale) * rows[:-lag]
+        return np.asarray(out)
+
+    def usable(self, valid: BoolArray) -> BoolArray:
+        """Rows whose whole filter history is valid."""
+        bad = np.concatenate([[0], np.cumsum(~valid)])
+        index = np.arange(valid.size)
+        low = index - self.lags.size
+        return np.asarray((low >= 0) & (bad[index + 1] == bad[np.maximum(low, 0)]))
+
+
+def fit_noise(residual: FloatArray, valid: BoolArray) -> Noise:
+    """Least squares on rows with valid history, then once more without the largest residuals (bursts stay visible)."""
+    lags = np.zeros(ORDER)
+    usable = Noise(lags, 1.0, 1.0).usable(valid)
+    rows = np.flatnonzero(usable)
+    history = np.stack([residual[rows - lag] for lag in range(1, ORDER + 1)], axis=1)
+    target = residual[rows]
+    keep = np.ones(rows.size, dtype=bool)
+    scale = 1.0
+    for _ in range(3):
+        gram = history[keep].T @ history[keep]
+        gram[np.diag_indices(ORDER)] *= 1.0 + 1e-9
+        gram[np.diag_indices(ORDER)] += 1e-300
+        lags = -np.linalg.solve(gram, history[keep].T @ target[keep])
+        white = target + history @ lags
+        scale = max(float(1.4826 * np.median(np.abs(white))), 1e-300)
+        keep = np.abs(white) < 4.0 * scale
+    scale = max(float(np.sqrt(np.mean(white[keep] ** 2))), 1e-300)
+    inside = np.abs(target) <= np.quantile(np.abs(target), 0.995)
+    return Noise(lags, scale, float(np.sqrt(np.mean(target[inside] ** 2))))
