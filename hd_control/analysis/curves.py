@@ -78,8 +78,7 @@ def _make(
     if knots.size < 3:
         return []
     columns = hats(x, knots)
-    if kind != "plain":
-        columns = columns * FACTORS[kind](states)[:, None]
+    columns = columns - columns.mean(axis=0) if kind == "plain" else columns * FACTORS[kind](states)[:, None]
     variables = (variable,) if kind == "plain" else (variable, kind.removeprefix("with "))
     return [Curve(f"{channel}: {variable} {kind}", variables, {channel: columns}, knots, variable, kind)]
 
@@ -174,6 +173,7 @@ def _gauge_curves(s: DriveStates, time_too: bool) -> list[Curve]:
     for variable, x, knots in sources:
         if knots.size >= 3:
             columns = hats(x, knots)
+            columns -= columns.mean(axis=0)
             both = {MOTOR: -columns, LINK: columns}
             found.append(Curve(f"gauge: {variable} plain", (variable,), both, knots, variable))
     if _turned(s):

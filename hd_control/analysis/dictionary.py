@@ -1,0 +1,213 @@
+"""Everything that could stand in the balances of one joint, filtered and whitened: base, effects with shapes, curves.
+
+A **group** is what is added or dropped as one: the columns of one effect with one shape, or of one free curve. All columns
+have unit norm after whitening; a coefficient that acts on several channels is one coefficient.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hd_control.analysis.bands import FloatArray
+from hd_control.analysis.curves import Curve
+from hd_control.analysis.equations import Channel, JointEquations
+from hd_control.analysis.joint_states import BoolArray
+from hd_control.analysis.noise import Noise, fit_noise
+from hd_control.drive.effect import Columns, DriveStates, Effect, Shape
+
+IntArray = NDArray[np.int64]
+RIDGE_LIBRARY = 1e-9
+RIDGE_CURVE = 3e-3
+"""On columns of unit norm. Knots that a training fold never visits otherwise ruin the held-out score."""
+RIDGE_NOISE = 1e-7
+
+
+@dataclass(frozen=True)
+class Group:
+    """What is added or dropped as one. `index`: its coefficients in the dictionary."""
+
+    name: str
+    index: IntArray
+    channels: tuple[str, ...]
+    effect: type[Effect] | None = None
+    shape: Shape = field(default_factory=dict)
+    curve: Curve | None = None
+
+    @property
+    def is_curve(self) -> bool:
+        """True for a free curve."""
+        return self.curve is not None
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A group before it is in the dictionary: raw columns (n, k) by channel at the rate of the recording."""
+
+    name: str
+    columns: Columns
+    effect: type[Effect] | None = None
+    shape: Shape = field(default_factory=dict)
+    curve: Curve | None = None
+
+
+@dataclass(frozen=True)
+class Rows:
+    """One channel of the dictionary: whitened left side (n,) and columns (n, p) of the coefficients `index`.
+
+    `time` s and `fold` (n,) of its usable rows; `fold` -1: guard between blocks. `block` numbers the blocks.
+    """
+
+    channel: Channel
+    noise: Noise
+    usable: BoolArray
+    time: FloatArray
+    block: IntArray
+    fold: IntArray
+    left: FloatArray
+    columns: FloatArray
+    index: IntArray
+
+
+@dataclass(frozen=True)
+class Dictionary:
+    """Base and all groups of one joint on whitened rows. `norm` (p,): physical coefficient = scaled / norm."""
+
+    equations: JointEquations
+    rows: Mapping[str, Rows]
+    base: IntArray
+    base_names: tuple[tuple[str, str], ...]
+    groups: tuple[Group, ...]
+    norm: FloatArray
+    ridge: FloatArray
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients."""
+        return int(self.norm.size)
+
+    def rows_touched(self, group: Group) -> int:
+        """Whitened rows of the channels that a group acts on."""
+        return sum(rows.left.size for name, rows in self.rows.items() if name in group.channels)
+
+
+def library_candidates(
+    effects: Iterable[type[Effect]], states: DriveStates, channels: Sequence[str]
+) -> list[Candidate]:
+    """Every shape of every effect that acts on one of the channels and whose columns are finite on this recording."""
+    found = []
+    for effect in effects:
+        for shape in effect.shapes(states):
+            columns = {n: c for n, c in effect.columns(states, shape).items() if n in channels}
+            finite = all(np.isfinite(c).all() for c in columns.values())
+            if columns and finite and any(np.ptp(c, axis=0).max(initial=0.0) > 0.0 or c.any() for c in columns.values()):
+                found.append(Candidate(effect.name, columns, effect, shape))
+    return found
+
+
+def curve_candidates(found: Iterable[Curve]) -> list[Candidate]:
+    """Free curves as candidates."""
+    return [Candidate(curve.name, curve.columns, curve=curve) for curve in found]
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Blocks of `length` s with a guard, dealt to `folds` folds in turn."""
+
+    length: float = 0.66
+    guard: float = 0.05
+    folds: int = 6
+
+    def of(self, time: FloatArray) -> tuple[IntArray, IntArray]:
+        """(block, fold) of each row; fold -1 in the guards."""
+        block = np.floor(time / self.length).astype(np.int64)
+        inside = time - block * self.length
+        guard = (inside < 0.5 * self.guard) | (inside > self.length - 0.5 * self.guard)
+        return block, np.where(guard, -1, block % self.folds)
+
+
+def build(
+    equations: JointEquations, candidates: Sequence[Candidate], noises: Mapping[str, Noise] | None = None
+) -> Dictionary:
+    """Filters, whitens and norms everything. `noises`: reuse these; else they are fitted on the richest model."""
+    layout = _Layout(equations, candidates)
+    rows: dict[str, Rows] = {}
+    for name, channel in equations.channels.items():
+        raw, index = layout.raw(channel)
+        noise = noises[name] if noises is not None else _noise(channel, raw)
+        rows[name] = _rows(channel, noise, raw, index)
+    norm = np.sqrt(sum((_squares(part, layout.size) for part in rows.values()), np.zeros(layout.size)))
+    norm[norm == 0.0] = 1.0
+    for part in rows.values():
+        np.divide(part.columns, norm[part.index], out=part.columns)
+    ridge = layout.ridge(norm)
+    return Dictionary(equations, rows, layout.base, tuple(layout.base_names), tuple(layout.groups), norm, ridge)
+
+
+class _Layout:
+    """Which coefficient is whose."""
+
+    def __init__(self, equations: JointEquations, candidates: Sequence[Candidate]) -> None:
+        self.equations, self.candidates = equations, candidates
+        self.base_names = [(name, base.name) for name, c in equations.channels.items() for base in c.base]
+        self.base = np.arange(len(self.base_names))
+        self.groups: list[Group] = []
+        size = len(self.base_names)
+        for candidate in candidates:
+            width = next(iter(candidate.columns.values())).shape[1]
+            index = np.arange(size, size + width)
+            channels = tuple(candidate.columns)
+            self.groups.append(
+                Group(candidate.name, index, channels, candidate.effect, candidate.shape, candidate.curve)
+            )
+            size += width
+        self.size = size
+
+    def raw(self, channel: Channel) -> tuple[FloatArray, IntArray]:
+        """Filtered columns (rows, p) of a channel and their coefficients."""
+        base = [i for i, (name, _) in enumerate(self.base_names) if name == channel.name]
+        parts, index = [channel.base_matrix], [np.array(base, dtype=np.int64)]
+        for candidate, group in zip(self.candidates, self.groups, strict=True):
+            if channel.name in candidate.columns:
+                parts.append(channel.rows_of(candidate.columns[channel.name]))
+                index.append(group.index)
+        return np.concatenate(parts, axis=1), np.concatenate(index)
+
+    def ridge(self, norm: FloatArray) -> FloatArray:
+        """Ridge of each coefficient; priors of the base become ridges in units of the noise."""
+        ridge = np.full(self.size, RIDGE_LIBRARY)
+        priors = [base.prior for channel in self.equations.channels.values() for base in channel.base]
+        for i, prior in enumerate(priors):
+            ridge[i] += 1.0 / (prior * norm[i]) ** 2
+        for group in self.groups:
+            if group.is_curve:
+                ridge[group.index] = RIDGE_CURVE
+        return ridge
+
+
+def _noise(channel: Channel, raw: FloatArray) -> Noise:
+    """Noise from the residual of everything at once: what no column explains."""
+    x, y = raw[channel.valid], channel.left[channel.valid]
+    scale = np.sqrt((x**2).sum(axis=0))
+    scale[scale == 0.0] = 1.0
+    gram = (x / scale).T @ (x / scale)
+    gram[np.diag_indices_from(gram)] += RIDGE_NOISE
+    coefficients = np.linalg.solve(gram, (x / scale).T @ y) / scale
+    return fit_noise(channel.left - raw @ coefficients, channel.valid)
+
+
+def _rows(channel: Channel, noise: Noise, raw: FloatArray, index: IntArray) -> Rows:
+    usable = noise.usable(channel.valid)
+    time = channel.time[usable]
+    block, fold = Blocks().of(time)
+    left, columns = noise.whiten(channel.left)[usable], noise.whiten(raw)[usable]
+    return Rows(channel, noise, usable, time, block, fold, left, columns, index)
+
+
+def _squares(part: Rows, size: int) -> FloatArray:
+    squares = np.zeros(size)
+    np.add.at(squares, part.index, (part.columns**2).sum(axis=0))
+    return squares

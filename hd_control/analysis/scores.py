@@ -1,0 +1,97 @@
+"""Held-out scores of any selection of groups, from the Gram matrices of the folds.
+
+Loss of a selection: half the whitened squared error on rows that were not used for its fit, in nats, summed over folds.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hd_control.analysis.bands import FloatArray
+from hd_control.analysis.dictionary import Blocks, Dictionary, Group, IntArray
+
+
+class Scores:
+    """Fold-wise Gram matrices of a dictionary: (folds, p, p), right sides (folds, p), squares (folds,)."""
+
+    def __init__(self, dictionary: Dictionary) -> None:
+        self.dictionary = dictionary
+        folds, size = Blocks().folds, dictionary.size
+        self.gram = np.zeros((folds, size, size))
+        self.right = np.zeros((folds, size))
+        self.squares = np.zeros(folds)
+        for part in dictionary.rows.values():
+            grid = np.ix_(part.index, part.index)
+            for fold in range(folds):
+                mine = part.fold == fold
+                x, y = part.columns[mine], part.left[mine]
+                self.gram[fold][grid] += x.T @ x
+                self.right[fold][part.index] += x.T @ y
+                self.squares[fold] += y @ y
+        self.ridge = dictionary.ridge
+        self.gram_all = self.gram.sum(axis=0)
+        self.right_all = self.right.sum(axis=0)
+
+    def train(self, index: IntArray) -> FloatArray:
+        """Coefficients (folds, k) of a selection, each fitted on the other folds."""
+        grid = np.ix_(index, index)
+        left = np.stack([self.gram_all[grid] - gram[grid] for gram in self.gram])
+        left[:, np.arange(index.size), np.arange(index.size)] += self.ridge[index]
+        right = self.right_all[index] - self.right[:, index]
+        return np.asarray(np.linalg.solve(left, right[..., None])[..., 0])
+
+    def fit(self, index: IntArray) -> FloatArray:
+        """Coefficients (k,) of a selection, fitted on all folds."""
+        left = self.gram_all[np.ix_(index, index)].copy()
+        left[np.diag_indices(index.size)] += self.ridge[index]
+        return np.asarray(np.linalg.solve(left, self.right_all[index]))
+
+    def loss(self, index: IntArray) -> float:
+        """Held-out loss of a selection, nats."""
+        c = self.train(index)
+        grid = np.ix_(index, index)
+        total = 0.0
+        for fold in range(len(self.squares)):
+            quadratic = c[fold] @ self.gram[fold][grid] @ c[fold]
+            total += 0.5 * (self.squares[fold] - 2.0 * c[fold] @ self.right[fold][index] + quadratic)
+        return float(total)
+
+    def gains(self, index: IntArray, groups: list[Group]) -> FloatArray:
+        """Held-out gain of each group added to a selection, nats. Elimination of the selection, fold by fold."""
+        gain = np.zeros(len(groups))
+        for fold in range(len(self.squares)):
+            a = self.gram_all - self.gram[fold]
+            s = a[np.ix_(index, index)].copy()
+            s[np.diag_indices(index.size)] += self.ridge[index]
+            rest = self.right_all - self.right[fold]
+            solved = np.linalg.solve(s, np.concatenate([a[index], rest[index, None]], axis=1))
+            b, c0 = solved[:, :-1], solved[:, -1]
+            train_gram = a - a[index].T @ b
+            train_right = rest - a[index].T @ c0
+            g, r = self.gram[fold], self.right[fold]
+            cross = b.T @ g[index]
+            test_gram = g - cross - cross.T + b.T @ (g[np.ix_(index, index)] @ b)
+            test_right = r - g[:, index] @ c0 - b.T @ (r[index] - g[np.ix_(index, index)] @ c0)
+            for i, group in enumerate(groups):
+                j = group.index
+                p = train_gram[np.ix_(j, j)]
+                p = p + np.diag(self.ridge[j])
+                d = np.linalg.solve(p, train_right[j])
+                gain[i] += d @ test_right[j] - 0.5 * d @ test_gram[np.ix_(j, j)] @ d
+        return gain
+
+    def block_losses(self, index: IntArray) -> FloatArray:
+        """Held-out loss of a selection by block of time, (blocks,), channels added."""
+        c = self.train(index)
+        scaled = np.zeros((len(self.squares), self.dictionary.size))
+        scaled[:, index] = c
+        count = 1 + max(int(part.block.max(initial=0)) for part in self.dictionary.rows.values())
+        losses = np.zeros(count)
+        for part in self.dictionary.rows.values():
+            mine = np.flatnonzero(np.any(scaled[:, part.index] != 0.0, axis=0))
+            x = part.columns[:, mine]
+            for fold in range(len(self.squares)):
+                rows = part.fold == fold
+                error = part.left[rows] - x[rows] @ scaled[fold, part.index[mine]]
+                np.add.at(losses, part.block[rows], 0.5 * error**2)
+        return losses
