@@ -1,7 +1,7 @@
 """Zero-phase filters, derivatives and decimation in the frequency domain, for whole recordings at once.
 
-One instance belongs to one evenly spaced recording. Signals are continued at both ends by odd reflection, their trend is
-removed before the transform and restored after it, so that a position that does not return leaves no step at the ends.
+One instance belongs to one evenly spaced recording. Signals are continued at both ends by odd reflection, their trend
+is removed before the transform and restored after it, so that a position that does not return leaves no step.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Band:
 
 
 def band_for(period: float, flat: float, zero: float) -> Band:
-    """A band for samples of `period` s, lowered where the rate does not carry it, decimated to at least 2.08 x `zero`."""
+    """A band for samples of `period` s, lowered where the rate does not carry it, kept at no less than 2.08 x `zero`."""
     rate = 1.0 / period
     scale = min(1.0, 0.4 * rate / zero)
     flat, zero = scale * flat, scale * zero

@@ -1,4 +1,4 @@
-"""Curves without a law: piecewise-linear functions of one variable, the net for effects that no library entry explains."""
+"""Curves without a law: piecewise-linear functions of one variable, the net for what no library entry explains."""
 
 from __future__ import annotations
 

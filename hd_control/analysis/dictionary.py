@@ -1,13 +1,13 @@
 """Everything that could stand in the balances of one joint, filtered and whitened: base, effects with shapes, curves.
 
-A **group** is what is added or dropped as one: the columns of one effect with one shape, or of one free curve. All columns
-have unit norm after whitening; a coefficient that acts on several channels is one coefficient.
+A **group** is what is added or dropped as one: the columns of one effect with one shape, or of one free curve. All
+columns have unit norm after whitening; a coefficient that acts on several channels is one coefficient.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,12 +74,16 @@ class Rows:
 
 @dataclass(frozen=True)
 class Dictionary:
-    """Base and all groups of one joint on whitened rows. `norm` (p,): physical coefficient = scaled / norm."""
+    """Base, known and free groups of one joint on whitened rows. Physical coefficient = scaled / `norm` (p,).
+
+    `base`: coefficients that every selection holds, of the base columns (`base_names`: channel, name) and of `known`.
+    """
 
     equations: JointEquations
     rows: Mapping[str, Rows]
     base: IntArray
     base_names: tuple[tuple[str, str], ...]
+    known: tuple[Group, ...]
     groups: tuple[Group, ...]
     norm: FloatArray
     ridge: FloatArray
@@ -88,6 +92,51 @@ class Dictionary:
     def size(self) -> int:
         """Number of coefficients."""
         return int(self.norm.size)
+
+    def base_index(self, channel: str, name: str) -> int | None:
+        """The coefficient of a base column, None if the channel has none of that name."""
+        return self.base_names.index((channel, name)) if (channel, name) in self.base_names else None
+
+    def rescaled(self, scales: Mapping[str, float]) -> Dictionary:
+        """The same rows in units in which the scale coefficients a, b of the channels are 1 (see `equations`)."""
+        rows = {
+            name: replace(
+                part,
+                columns=part.columns * self.norm[part.index] * scales.get(name, 1.0),
+                noise=part.noise.divided(scales.get(name, 1.0)),
+            )
+            for name, part in self.rows.items()
+        }
+        return _normed(replace(self, rows=rows, equations=self.equations.with_scales(scales)))
+
+    def with_candidates(self, candidates: Sequence[Candidate]) -> Dictionary:
+        """This dictionary with more groups behind its own."""
+        size, groups = self.size, []
+        for candidate in candidates:
+            groups.append(group_of(candidate, size))
+            size += groups[-1].index.size
+        rows = {}
+        norm = np.concatenate([self.norm, np.zeros(size - self.size)])
+        for name, part in self.rows.items():
+            more = [(g, c.columns[name]) for g, c in zip(groups, candidates, strict=True) if name in c.columns]
+            new = [self.whitened(name, columns) for _, columns in more]
+            columns = np.concatenate([part.columns, *new], axis=1) if new else part.columns
+            rows[name] = replace(part, columns=columns, index=np.concatenate([part.index, *(g.index for g, _ in more)]))
+            for (group, _), value in zip(more, new, strict=True):
+                norm[group.index] += (value**2).sum(axis=0)
+        fresh = np.arange(self.size, size)
+        norm[fresh] = np.sqrt(norm[fresh])
+        norm[norm == 0.0] = 1.0
+        for part in rows.values():
+            part.columns[:, part.index >= self.size] /= norm[part.index[part.index >= self.size]]
+        ridge = np.concatenate([self.ridge, np.full(fresh.size, RIDGE_LIBRARY)])
+        return replace(self, rows=rows, groups=(*self.groups, *groups), norm=norm, ridge=ridge)
+
+    def whitened(self, channel: str, columns: FloatArray) -> FloatArray:
+        """Raw columns (n, k) at the rate of the recording as whitened rows of a channel, physical units, (rows, k)."""
+        part = self.rows[channel]
+        rows = part.noise.whiten(part.channel.rows_of(columns))[part.usable]
+        return rows
 
     def rows_touched(self, group: Group) -> int:
         """Whitened rows of the channels that a group acts on."""
@@ -103,7 +152,11 @@ def library_candidates(
         for shape in effect.shapes(states):
             columns = {n: c for n, c in effect.columns(states, shape).items() if n in channels}
             finite = all(np.isfinite(c).all() for c in columns.values())
-            if columns and finite and any(np.ptp(c, axis=0).max(initial=0.0) > 0.0 or c.any() for c in columns.values()):
+            if (
+                columns
+                and finite
+                and any(np.ptp(c, axis=0).max(initial=0.0) > 0.0 or c.any() for c in columns.values())
+            ):
                 found.append(Candidate(effect.name, columns, effect, shape))
     return found
 
@@ -130,41 +183,51 @@ class Blocks:
 
 
 def build(
-    equations: JointEquations, candidates: Sequence[Candidate], noises: Mapping[str, Noise] | None = None
+    equations: JointEquations,
+    candidates: Sequence[Candidate],
+    fixed: Sequence[Candidate] = (),
+    noises: Mapping[str, Noise] | None = None,
 ) -> Dictionary:
-    """Filters, whitens and norms everything. `noises`: reuse these; else they are fitted on the richest model."""
-    layout = _Layout(equations, candidates)
+    """Filters, whitens and norms everything. `fixed` joins the base: what the model holds already.
+
+    `noises`: reuse these; else they are fitted on the richest model.
+    """
+    layout = _Layout(equations, candidates, fixed)
     rows: dict[str, Rows] = {}
     for name, channel in equations.channels.items():
         raw, index = layout.raw(channel)
         noise = noises[name] if noises is not None else _noise(channel, raw)
         rows[name] = _rows(channel, noise, raw, index)
-    norm = np.sqrt(sum((_squares(part, layout.size) for part in rows.values()), np.zeros(layout.size)))
-    norm[norm == 0.0] = 1.0
+    norm = _norm(rows, layout.size)
     for part in rows.values():
         np.divide(part.columns, norm[part.index], out=part.columns)
     ridge = layout.ridge(norm)
-    return Dictionary(equations, rows, layout.base, tuple(layout.base_names), tuple(layout.groups), norm, ridge)
+    groups = layout.groups
+    known, free = tuple(groups[: len(fixed)]), tuple(groups[len(fixed) :])
+    return Dictionary(equations, rows, layout.base, tuple(layout.base_names), known, free, norm, ridge)
+
+
+def group_of(candidate: Candidate, start: int) -> Group:
+    """The group of a candidate whose first coefficient is `start`."""
+    width = next(iter(candidate.columns.values())).shape[1]
+    index = np.arange(start, start + width)
+    return Group(candidate.name, index, tuple(candidate.columns), candidate.effect, candidate.shape, candidate.curve)
 
 
 class _Layout:
     """Which coefficient is whose."""
 
-    def __init__(self, equations: JointEquations, candidates: Sequence[Candidate]) -> None:
-        self.equations, self.candidates = equations, candidates
+    def __init__(self, equations: JointEquations, candidates: Sequence[Candidate], fixed: Sequence[Candidate]) -> None:
+        self.equations, self.candidates = equations, [*fixed, *candidates]
         self.base_names = [(name, base.name) for name, c in equations.channels.items() for base in c.base]
-        self.base = np.arange(len(self.base_names))
         self.groups: list[Group] = []
         size = len(self.base_names)
-        for candidate in candidates:
-            width = next(iter(candidate.columns.values())).shape[1]
-            index = np.arange(size, size + width)
-            channels = tuple(candidate.columns)
-            self.groups.append(
-                Group(candidate.name, index, channels, candidate.effect, candidate.shape, candidate.curve)
-            )
-            size += width
+        for candidate in self.candidates:
+            self.groups.append(group_of(candidate, size))
+            size += self.groups[-1].index.size
         self.size = size
+        known = len(self.base_names) + sum(group.index.size for group in self.groups[: len(fixed)])
+        self.base = np.arange(known)
 
     def raw(self, channel: Channel) -> tuple[FloatArray, IntArray]:
         """Filtered columns (rows, p) of a channel and their coefficients."""
@@ -186,6 +249,23 @@ class _Layout:
             if group.is_curve:
                 ridge[group.index] = RIDGE_CURVE
         return ridge
+
+
+def _norm(rows: Mapping[str, Rows], size: int) -> FloatArray:
+    norm = np.sqrt(sum((_squares(part, size) for part in rows.values()), np.zeros(size)))
+    norm[norm == 0.0] = 1.0
+    return np.asarray(norm)
+
+
+def _normed(raw: Dictionary) -> Dictionary:
+    """A dictionary whose columns are in physical units, normed; priors follow."""
+    norm = _norm(raw.rows, raw.size)
+    for part in raw.rows.values():
+        np.divide(part.columns, norm[part.index], out=part.columns)
+    ridge = raw.ridge.copy()
+    for i in range(len(raw.base_names)):
+        ridge[i] = RIDGE_LIBRARY + (raw.ridge[i] - RIDGE_LIBRARY) * (raw.norm[i] / norm[i]) ** 2
+    return replace(raw, norm=norm, ridge=ridge)
 
 
 def _noise(channel: Channel, raw: FloatArray) -> Noise:

@@ -120,9 +120,7 @@ def build_equations(signals: JointSignals, known: Known, link: LinkFunction | No
         for name, channel in ((MOTOR, builder.motor()), (TRANSMISSION, builder.transmission()), (LINK, builder.link()))
         if channel is not None
     }
-    return JointEquations(
-        signals.joint, states, derived, spectral, channels, known.rotor_inertia, builder.substituted
-    )
+    return JointEquations(signals.joint, states, derived, spectral, channels, known.rotor_inertia, builder.substituted)
 
 
 def _link_band(period: float) -> Band:
@@ -140,9 +138,7 @@ def _with_link(states: DriveStates, terms: LinkTerms, band: Band) -> DriveStates
 
     inertia, bias, own, tool = (fine(rows) for rows in terms)
     assert inertia is not None and bias is not None
-    return replace(
-        states, link_inertia_torque=inertia, link_bias_torque=bias, link_regressor=own, tool_regressor=tool
-    )
+    return replace(states, link_inertia_torque=inertia, link_bias_torque=bias, link_regressor=own, tool_regressor=tool)
 
 
 @dataclass(frozen=True)
@@ -196,7 +192,11 @@ class _Builder:
     def transmission(self) -> Channel | None:
         """Torsion against torque."""
         s, filled, sp = self.signals, self.derived.filled, self.spectral
-        if s.motor_shaft_position is None or s.joint_position is None or not np.isfinite(self.states.gauge_torque).all():
+        if (
+            s.motor_shaft_position is None
+            or s.joint_position is None
+            or not np.isfinite(self.states.gauge_torque).all()
+        ):
             return None
         band = band_for(s.period, *BANDS[TRANSMISSION])
         left = sp.filter(filled["joint_position"] - filled["motor_position"], band)

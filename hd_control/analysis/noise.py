@@ -30,6 +30,10 @@ class Noise:
             out[lag:] += (weight / self.scale) * rows[:-lag]
         return np.asarray(out)
 
+    def divided(self, factor: float) -> Noise:
+        """The noise of the rows divided by `factor`."""
+        return Noise(self.lags, self.scale / factor, self.deviation / factor)
+
     def usable(self, valid: BoolArray) -> BoolArray:
         """Rows whose whole filter history is valid."""
         bad = np.concatenate([[0], np.cumsum(~valid)])

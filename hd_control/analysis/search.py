@@ -1,9 +1,9 @@
 """Which groups explain a joint's residual: forward selection with exchange, on held-out scores, with strict acceptance.
 
-    forward: add the best acceptable effect; after each addition drop, reshape and exchange what is selected
-    extend:  up to two free curves, the net for what the library does not know; forward again
-    restart: start with each of the best free curves, so that an unknown effect is not explained by a pile of look-alikes
-    choose:  smallest loss plus penalties
+forward: add the best acceptable effect; after each addition drop, reshape and exchange what is selected
+extend:  up to two free curves, the net for what the library does not know; forward again
+restart: start with each of the best free curves, so that an unknown effect is not explained by a pile of look-alikes
+choose:  smallest loss plus penalties
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from hd_control.analysis.scores import Scores
 
 @dataclass(frozen=True)
 class Thresholds:
-    """When a group is accepted; nats, shares of half the whitened rows, t over blocks. Calibrated, docs/diagnosis.md."""
+    """When a group is accepted: nats, shares of half the whitened rows, t over blocks (docs/diagnosis.md)."""
 
     gain: float = 40.0
     share: float = 0.004
@@ -35,7 +35,7 @@ class Thresholds:
 
 @dataclass(frozen=True)
 class Support:
-    """What the data say for one group beside a selection: held-out gain nats, t over blocks, gain without best blocks."""
+    """What the data say for a group beside a selection: held-out gain nats, t over blocks, gain without best blocks."""
 
     gain: float
     t: float
