@@ -39,7 +39,7 @@ class Band:
 
 
 def band_for(period: float, flat: float, zero: float) -> Band:
-    """A band for samples of `period` s, lowered where the rate does not carry it, kept at no less than 2.08 x `zero`."""
+    """A band for samples of `period` s, lowered where the rate does not carry it, kept at 2.08 x `zero` or more."""
     rate = 1.0 / period
     scale = min(1.0, 0.4 * rate / zero)
     flat, zero = scale * flat, scale * zero

@@ -79,6 +79,7 @@ class JointEquations:
     spectral: Spectral
     channels: Mapping[str, Channel]
     inertia: float
+    link_scale: float = 1.0
     substituted: tuple[str, ...] = field(default=())
 
     def with_scales(self, scales: Mapping[str, float]) -> JointEquations:
@@ -86,7 +87,12 @@ class JointEquations:
         channels = {
             name: replace(channel, left=channel.left / scales.get(name, 1.0)) for name, channel in self.channels.items()
         }
-        return replace(self, channels=channels, inertia=self.inertia / scales.get(MOTOR, 1.0))
+        return replace(
+            self,
+            channels=channels,
+            inertia=self.inertia / scales.get(MOTOR, 1.0),
+            link_scale=self.link_scale / scales.get(LINK, 1.0),
+        )
 
 
 @dataclass(frozen=True)
