@@ -1,0 +1,220 @@
+"""Pairs of recordings of one random joint with hidden effects: one to fit, one to check; the user's model; the truth.
+
+pair = make_pair(seed, "one")           # or draw_case / chosen_case, then record_pair(case)
+pair.fit["gauge_torque"]                # (n,) columns, names as in the joint's signals of the analysis
+pair.model["effects"]["rotor_inertia"]  # what the user believes
+pair.truth                              # what is hidden; nobody opens it before the diagnosis is written
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hd_sim.cases import Case, draw_case
+from hd_sim.plant_config import PlantConfig
+from hd_sim.random_drive import (
+    JOINT,
+    RandomDrive,
+    cooled,
+    draw_drive,
+    expected_rise,
+    ranges,
+    stream,
+    with_current_lag,
+    with_heating,
+)
+from hd_sim.random_motion import MOTIONS, Reference, Room, general, ticks
+from hd_sim.servo import run_servo
+from hd_sim.true_parameters import true_parameters
+from hd_sim.truth import apply_hidden, truth_of
+
+FloatArray = NDArray[np.float64]
+FIT_S, HELD_OUT_S = 60.0, 24.0
+TEMPERATURE_PERIOD = 0.1
+JUDGE_SUBSTEPS = 20
+"""Per ms, for the judge's other integration scheme."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two recordings of one joint, the nominal model and the truth, all in plain types.
+
+    `fit`, `held_out`: `time`, `motor_shaft_position`, `joint_position`, `gauge_torque`, `motor_torque`, `temperature`,
+    `reference_position`, each (n,) SI. `model`: `gear_ratio`, `rated_torque`, `robot` (URDF text), `joint`, `effects`
+    (name -> parameter -> value).
+    """
+
+    case: Case
+    period: float
+    fit: Mapping[str, FloatArray]
+    held_out: Mapping[str, FloatArray]
+    model: Mapping[str, Any]
+    truth: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A random joint on the test bench: any number of recordings of the same plant, as a user would make them."""
+
+    case: Case
+    drive: RandomDrive
+    world: PlantConfig
+    warmth: float
+
+    def record(self, motion: str, number: int = 0, seconds: float = FIT_S) -> dict[str, FloatArray]:
+        """Recording `number` of a kind of motion; each number has its own trajectory and noise."""
+        rng = stream(self.case.seed, f"motion/{motion}/{number}")
+        reference = MOTIONS[motion](rng, room_of(self.drive), seconds)
+        return self.play(reference, number)
+
+    def play(self, reference: Reference, number: int = 0) -> dict[str, FloatArray]:
+        """Records a given motion; later recordings start on a warm drive."""
+        rng, world = stream(self.case.seed, f"start/{number}"), self.world
+        warm = 0.0 if number == 0 else float(rng.uniform(*ranges()["warm_start_share"])) * self.warmth
+        start = float(world.drives["ambient_temperature"][0]) + warm
+        limit = ranges()["poor_rise_limit"] / max(1e-9, self._rise(reference))
+        if limit < 1.0:
+            heat = cooled(replace(self.drive, config=world), limit).config
+            world = heat
+        columns = run_servo(world, self.drive, reference, self.case.seed * 100 + number, start)
+        return _recorded(columns, self.case, self.drive, reference.period)
+
+    def _rise(self, reference: Reference) -> float:
+        torque = self.drive.nominal.motor_torque(reference.position, reference.velocity, reference.acceleration)
+        torque = np.clip(torque, -self.drive.nominal.torque_limit, self.drive.nominal.torque_limit)
+        return expected_rise(self.drive, torque, reference.velocity, reference.period)
+
+
+def make_pair(seed: int, kind: str = "mix", judge: bool | None = None) -> Pair:
+    """The pair of a seed. `kind`: mix, none, one, two, unknown, poor. About 0.2 s of computing."""
+    return record_pair(draw_case(seed, kind, judge))
+
+
+def record_pair(case: Case) -> Pair:
+    """Both recordings of a case."""
+    bench = set_up(case)
+    fit, held_out = bench.record(case.motion, 0, FIT_S), bench.record(case.motion, 1, HELD_OUT_S)
+    period = bench.drive.config.period
+    return Pair(case, period, fit, held_out, nominal_model(bench.drive), hidden_truth(bench))
+
+
+def set_up(case: Case) -> Bench:
+    """The drive of the case's seed with everything that is hidden in it."""
+    drive = _drive_of(case.seed)
+    if "current_lag" in case.features:
+        drive = with_current_lag(drive, case.features["current_lag"])
+    world = _judge_world(apply_hidden(drive.config, case.effects, case.seed), case)
+    return Bench(case, drive, world, float(ranges()["drive_even"]["temperature_rise"][0]))
+
+
+def room_of(drive: RandomDrive) -> Room:
+    """What motions may use on this drive, by its data sheet."""
+    nominal = drive.nominal
+    static = nominal.gravity_torque + nominal.coulomb_torque + 1.1 * nominal.viscous
+    inertia = nominal.rotor_inertia + nominal.link_inertia
+    return Room(max(1.0, (nominal.torque_limit - static) / inertia), drive.config.period)
+
+
+def nominal_model(drive: RandomDrive) -> dict[str, Any]:
+    """What the user believes: robot, gear and the effects of every model with data-sheet values."""
+    numbers = drive.nominal
+    effects: dict[str, dict[str, float]] = {
+        "rotor_inertia": {"rotor_inertia": numbers.rotor_inertia},
+        "torsional_stiffness": {"torsional_stiffness": numbers.stiffness, "damping_time": numbers.damping_time},
+        "coulomb_friction": {"coulomb_torque": numbers.coulomb_torque},
+        "viscous_friction": {"viscous": numbers.viscous},
+        "link_dynamics": {},
+    }
+    if numbers.current_time_constant > 0.0:
+        effects["actuation_delay"] = {"delay": numbers.current_time_constant}
+    return {
+        "joint": JOINT,
+        "gear_ratio": numbers.gear_ratio,
+        "rated_torque": numbers.rated_torque,
+        "robot": drive.nominal_urdf,
+        "effects": effects,
+    }
+
+
+def hidden_truth(bench: Bench) -> dict[str, Any]:
+    """The sealed part: case, right names, values of their parameters, settings that changed."""
+    case, drive = bench.case, bench.drive
+    parameters = {name: true_parameters(name, drive.config, bench.world) for name in case.names}
+    return {
+        "case": case.to_dict(),
+        "joints": {JOINT: {"names": list(case.names), "unknown": list(case.unknown), "parameters": parameters}},
+        "world": truth_of(drive.config, case.effects, case.seed),
+    }
+
+
+def _drive_of(seed: int) -> RandomDrive:
+    """The seed's drive: the first that its general recording loads well, heated by that recording."""
+    attempt = 0
+    while True:
+        drive = draw_drive(seed, attempt)
+        room = room_of(drive)
+        reference = general(stream(seed, "motion/general/0"), room, FIT_S)
+        q, v, a = reference.position, reference.velocity, reference.acceleration
+        load = drive.nominal.joint_torque(q, a)
+        wide = np.ptp(load) >= ranges()["general_load_span"] * drive.nominal.rated_torque
+        if (wide and load.min() < 0.0 < load.max()) or attempt >= 50:
+            return with_heating(drive, drive.nominal.motor_torque(q, v, a), v, reference.period)
+        attempt += 1
+
+
+def _judge_world(world: PlantConfig, case: Case) -> PlantConfig:
+    """The world with the features that differ from the model library."""
+    features = case.features
+    if "scheme" in features:
+        world = replace(world, scheme=features["scheme"], substeps_per_ms=JUDGE_SUBSTEPS)
+    if "friction_law" in features:
+        distance = features["friction_law"]["distance"]
+        slips = distance * np.array([0.5, 1.0, 2.0, 4.0])
+        world = world.with_settings(presliding_distance=distance, friction_slip_distance=slips)
+        world = world.with_settings(friction_law=features["friction_law"]["law"])
+    if "sampling_jitter" in features:
+        world = world.with_settings(sampling_jitter=features["sampling_jitter"])
+    if "gauge_lag" in features:
+        world = world.with_settings(gauge_time_constant=features["gauge_lag"])
+    if "kinematic" in features:
+        rated = float(world.drives["rated_torque"][0])
+        world = world.with_settings(
+            kinematic_load_slope=features["kinematic"]["growth"] / rated,
+            kinematic_angle_modulation=features["kinematic"]["modulation"],
+        )
+    return world
+
+
+def _recorded(
+    columns: Mapping[str, FloatArray], case: Case, drive: RandomDrive, period: float
+) -> dict[str, FloatArray]:
+    """What the recorder makes of the columns: slow temperature, channels that come late."""
+    time = ticks(columns["temperature"].size, period)
+    slow = slice(None, None, max(1, round(TEMPERATURE_PERIOD / period)))
+    found: dict[str, FloatArray] = {"time": time, **columns}
+    found["temperature"] = np.interp(time, time[slow], columns["temperature"][slow])
+    if "skew" in case.features:
+        name, delay = case.features["skew"]["channel"], case.features["skew"]["delay"]
+        if name == "motor_torque":  # a held value read late is the one of the tick before
+            found[name] = np.concatenate([found[name][:1], found[name][:-1]])
+        else:
+            found[name] = _later(found[name], delay / period)
+    return found
+
+
+def _later(values: FloatArray, samples: float) -> FloatArray:
+    """The signal delayed by a part of a sample, in the frequency domain with odd reflection at both ends."""
+    pad = min(1000, values.size - 1)
+    head, tail = 2.0 * values[0] - values[pad:0:-1], 2.0 * values[-1] - values[-2 : -pad - 2 : -1]
+    long = np.concatenate([head, values, tail])
+    trend = np.linspace(long[0], long[-1], long.size)
+    spectrum = np.fft.rfft(long - trend)
+    turn = np.exp(-2j * np.pi * np.fft.rfftfreq(long.size) * samples)
+    slope = (long[-1] - long[0]) / (long.size - 1)
+    moved: FloatArray = np.fft.irfft(spectrum * turn, long.size) + trend - slope * samples
+    return moved[pad : pad + values.size]
