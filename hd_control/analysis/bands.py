@@ -39,11 +39,11 @@ class Band:
 
 
 def band_for(period: float, flat: float, zero: float) -> Band:
-    """A band for samples of `period` s, lowered where the rate does not carry it, kept at 2.08 x `zero` or more."""
+    """A band for samples of `period` s, lowered where the rate does not carry it, kept at 2.04 x `zero` or more."""
     rate = 1.0 / period
     scale = min(1.0, 0.4 * rate / zero)
     flat, zero = scale * flat, scale * zero
-    step = max(divisor for divisor in STEPS if divisor <= max(1.0, rate / (2.08 * zero)))
+    step = max(divisor for divisor in STEPS if divisor <= max(1.0, rate / (2.04 * zero)))
     return Band(flat, zero, step)
 
 

@@ -88,9 +88,9 @@ def _orders(channel: str, states: DriveStates, kind: str = "plain") -> Curve:
     columns = np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
     if kind != "plain":
         columns = columns * FACTORS[kind](states)[:, None]
-    variables = ("motor_angle",) if kind == "plain" else ("motor_angle", kind.removeprefix("with "))
+    variables = ("motor_shaft_position",) if kind == "plain" else ("motor_shaft_position", kind.removeprefix("with "))
     knots = np.array(ORDERS, dtype=float)
-    return Curve(f"{channel}: motor_angle {kind}", variables, {channel: columns}, knots, "motor_angle", kind)
+    return Curve(f"{channel}: motor_shaft_position {kind}", variables, {channel: columns}, knots, "motor_shaft_position", kind)
 
 
 def _turned(states: DriveStates) -> bool:
@@ -100,16 +100,16 @@ def _turned(states: DriveStates) -> bool:
 def _motor_curves(s: DriveStates, time_too: bool) -> list[Curve]:
     found: list[Curve] = []
     if _usable(s.motor_velocity, 1e-3):
-        found += _make(MOTOR, s, "speed", s.motor_velocity, quantile_knots(s.motor_velocity, 15))
+        found += _make(MOTOR, s, "motor_velocity", s.motor_velocity, quantile_knots(s.motor_velocity, 15))
     if _usable(s.joint_position, 0.02):
         knots = even_knots(s.joint_position, 24)
-        found += _make(MOTOR, s, "joint_angle", s.joint_position, knots)
-        found += _make(MOTOR, s, "joint_angle", s.joint_position, knots, "with direction")
+        found += _make(MOTOR, s, "joint_position", s.joint_position, knots)
+        found += _make(MOTOR, s, "joint_position", s.joint_position, knots, "with direction")
     if np.isfinite(s.joint_torque).all() and _usable(s.joint_torque, 1e-6):
         load = np.abs(s.joint_torque)
-        found += _make(MOTOR, s, "torque", s.joint_torque, quantile_knots(s.joint_torque, 9))
-        found += _make(MOTOR, s, "load", load, quantile_knots(load, 7), "with direction")
-        found += _make(MOTOR, s, "load", load, quantile_knots(load, 7), "with speed")
+        found += _make(MOTOR, s, "joint_torque", s.joint_torque, quantile_knots(s.joint_torque, 9))
+        found += _make(MOTOR, s, "joint_torque", load, quantile_knots(load, 7), "with direction")
+        found += _make(MOTOR, s, "joint_torque", load, quantile_knots(load, 7), "with speed")
         found += [_orders(MOTOR, s, "with torque")] if _turned(s) else []
     if time_too:
         knots = even_knots(s.time, 12)
@@ -129,13 +129,13 @@ def _motor_curves(s: DriveStates, time_too: bool) -> list[Curve]:
 def _transmission_curves(s: DriveStates, time_too: bool) -> list[Curve]:
     found: list[Curve] = []
     if _usable(s.joint_torque, 1e-6):
-        found += _make(TRANSMISSION, s, "torque", s.joint_torque, quantile_knots(s.joint_torque, 15))
+        found += _make(TRANSMISSION, s, "joint_torque", s.joint_torque, quantile_knots(s.joint_torque, 15))
     if _usable(s.joint_position, 0.02):
-        found += _make(TRANSMISSION, s, "joint_angle", s.joint_position, even_knots(s.joint_position, 72))
+        found += _make(TRANSMISSION, s, "joint_position", s.joint_position, even_knots(s.joint_position, 72))
     if time_too:
         found += _make(TRANSMISSION, s, "time", s.time, even_knots(s.time, 12))
     if _usable(s.motor_velocity, 1e-3):
-        found += _make(TRANSMISSION, s, "speed", s.motor_velocity, quantile_knots(s.motor_velocity, 11))
+        found += _make(TRANSMISSION, s, "motor_velocity", s.motor_velocity, quantile_knots(s.motor_velocity, 11))
     if _usable(s.temperature, 1.0):
         found += _make(TRANSMISSION, s, "temperature", s.temperature, even_knots(s.temperature, 6))
     if _turned(s):
@@ -146,15 +146,15 @@ def _transmission_curves(s: DriveStates, time_too: bool) -> list[Curve]:
 def _link_curves(s: DriveStates, time_too: bool) -> list[Curve]:
     found: list[Curve] = []
     if _usable(s.joint_position, 0.02):
-        found += _make(LINK, s, "joint_angle", s.joint_position, even_knots(s.joint_position, 24))
+        found += _make(LINK, s, "joint_position", s.joint_position, even_knots(s.joint_position, 24))
     if _usable(s.joint_velocity, 1e-3):
-        found += _make(LINK, s, "joint_speed", s.joint_velocity, quantile_knots(s.joint_velocity, 15))
+        found += _make(LINK, s, "joint_velocity", s.joint_velocity, quantile_knots(s.joint_velocity, 15))
     if time_too:
         found += _make(LINK, s, "time", s.time, even_knots(s.time, 12))
     if _usable(s.temperature, 1.0):
         found += _make(LINK, s, "temperature", s.temperature, even_knots(s.temperature, 6))
     if _usable(s.joint_torque, 1e-6):
-        found += _make(LINK, s, "torque", s.joint_torque, quantile_knots(s.joint_torque, 9))
+        found += _make(LINK, s, "joint_torque", s.joint_torque, quantile_knots(s.joint_torque, 9))
     if _turned(s):
         found += [_orders(LINK, s)]
     return found
@@ -168,7 +168,7 @@ def _gauge_curves(s: DriveStates, time_too: bool) -> list[Curve]:
     if _usable(s.temperature, 1.0):
         sources.append(("temperature", s.temperature, even_knots(s.temperature, 6)))
     if _usable(s.joint_torque, 1e-6):
-        sources.append(("torque", s.joint_torque, quantile_knots(s.joint_torque, 9)))
+        sources.append(("joint_torque", s.joint_torque, quantile_knots(s.joint_torque, 9)))
     found = []
     for variable, x, knots in sources:
         if knots.size >= 3:
@@ -180,6 +180,6 @@ def _gauge_curves(s: DriveStates, time_too: bool) -> list[Curve]:
         orders = _orders(LINK, s).columns[LINK]
         both = {MOTOR: -orders, LINK: orders}
         found.append(
-            Curve("gauge: motor_angle plain", ("motor_angle",), both, np.array(ORDERS, dtype=float), "motor_angle")
+            Curve("gauge: motor_shaft_position plain", ("motor_shaft_position",), both, np.array(ORDERS, dtype=float), "motor_shaft_position")
         )
     return found

@@ -22,7 +22,7 @@ from hd_control.analysis.joint_states import BoolArray, Derived, derive, drive_s
 from hd_control.analysis.signals import JointSignals
 from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, DriveStates
 
-BANDS = {MOTOR: (38.0, 60.0), TRANSMISSION: (80.0, 122.0), LINK: (30.0, 41.0)}
+BANDS = {MOTOR: (38.0, 60.0), TRANSMISSION: (80.0, 122.0), LINK: (30.0, 40.0)}
 """Hz, flat and zero. Motor: feedback noise of the encoder returns through the controller into u above it."""
 MASK_MARGIN_S = 0.02
 ACCELERATION_SNR = 10.0
@@ -126,7 +126,7 @@ def build_equations(signals: JointSignals, known: Known, link: LinkFunction | No
         for name, channel in ((MOTOR, builder.motor()), (TRANSMISSION, builder.transmission()), (LINK, builder.link()))
         if channel is not None
     }
-    return JointEquations(signals.joint, states, derived, spectral, channels, known.rotor_inertia, builder.substituted)
+    return JointEquations(signals.joint, states, derived, spectral, channels, known.rotor_inertia, 1.0, builder.substituted)
 
 
 def _link_band(period: float) -> Band:
@@ -207,10 +207,13 @@ class _Builder:
         band = band_for(s.period, *BANDS[TRANSMISSION])
         left = sp.filter(filled["joint_position"] - filled["motor_position"], band)
         torque = sp.transform(self.states.gauge_torque)
+        raw, light = sp.back(*torque, band)[:, 0], sp.filter(self.states.joint_torque, band)
         base = (
-            Base("torsional_compliance", -sp.back(*torque, band)[:, 0]),
+            Base("torsional_compliance", -raw),
             Base("torsional_damping", sp.back(*torque, band, 1)[:, 0]),
             Base("transmission_zero", np.ones(left.size)),
+            # Noise of the gauge biases the coefficient of the fast part towards zero; the slow part keeps its own.
+            Base("fast_torque", raw - light),
         )
         valid = self._valid(band, self.derived.usable)
         return Channel(TRANSMISSION, band, sp, s.time[:: band.step], valid, left, base, None, np.inf)

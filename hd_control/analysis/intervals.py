@@ -1,6 +1,6 @@
 """Intervals of fitted parameters by a block bootstrap, shapes included to first order.
 
-Least-squares standard errors are too small: residuals are correlated and the model is slightly wrong. Blocks of time are
+Least-squares standard errors are too small: residuals are correlated, the model is slightly wrong. Blocks of time are
 drawn with replacement; every draw solves base, coefficients and, linearised, the shapes again.
 """
 

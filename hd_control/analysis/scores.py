@@ -32,6 +32,26 @@ class Scores:
         self.gram_all = self.gram.sum(axis=0)
         self.right_all = self.right.sum(axis=0)
 
+    def extended(self, dictionary: Dictionary) -> Scores:
+        """The scores of the same dictionary with more groups behind: only the new columns are multiplied."""
+        found = object.__new__(Scores)
+        found.dictionary, found.squares, found.ridge = dictionary, self.squares, dictionary.ridge
+        old, size = self.dictionary.size, dictionary.size
+        folds = self.squares.size
+        found.gram, found.right = np.zeros((folds, size, size)), np.zeros((folds, size))
+        found.gram[:, :old, :old], found.right[:, :old] = self.gram, self.right
+        for part in dictionary.rows.values():
+            new = part.index >= old
+            for fold in range(folds):
+                mine = part.fold == fold
+                x = part.columns[mine]
+                cross = x.T @ x[:, new]
+                found.gram[fold][np.ix_(part.index, part.index[new])] += cross
+                found.gram[fold][np.ix_(part.index[new], part.index[~new])] += cross[~new].T
+                found.right[fold][part.index[new]] += x[:, new].T @ part.left[mine]
+        found.gram_all, found.right_all = found.gram.sum(axis=0), found.right.sum(axis=0)
+        return found
+
     def train(self, index: IntArray) -> FloatArray:
         """Coefficients (folds, k) of a selection, each fitted on the other folds."""
         grid = np.ix_(index, index)

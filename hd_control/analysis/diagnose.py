@@ -1,0 +1,287 @@
+"""Which physical effect is missing in the model of one joint: gates, search, refinement, rivals, leftover, verdict."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hd_control.analysis.confidence import confidence
+from hd_control.analysis.curves import curves
+from hd_control.analysis.dictionary import Candidate, Dictionary, Group, build, curve_candidates, library_candidates
+from hd_control.analysis.equations import JointEquations
+from hd_control.analysis.fit import Fit, RawRows
+from hd_control.analysis.gates import Coverage, Lack, coverage, lacks, unsupported
+from hd_control.analysis.intervals import Bootstrap
+from hd_control.analysis.leftover import bursts
+from hd_control.analysis.refine import refine
+from hd_control.analysis.rivals import Rival, rivals
+from hd_control.analysis.scores import Scores
+from hd_control.analysis.search import Search, Selection, Thresholds
+from hd_control.analysis.verdict import (
+    ADEQUATE,
+    CANNOT_TELL,
+    MISSING,
+    MISSING_AND_UNKNOWN,
+    UNKNOWN,
+    ChannelError,
+    Experiment,
+    JointDiagnosis,
+    NamedEffect,
+    Unknown,
+)
+from hd_control.drive.effect import UNITS, Context, Effect, Shape
+
+ROUNDS = 2
+SCALE_TOLERANCE = 2e-3
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is asked: the balances of a joint, the library, what the model holds already (effect, shape), and limits."""
+
+    equations: JointEquations
+    library: Mapping[str, type[Effect]]
+    known: tuple[tuple[type[Effect], Shape], ...] = ()
+    context: Context = Context(np.inf, 0.0, 1.0)
+    rated_torque: float | None = None
+    thresholds: Thresholds = Thresholds()
+
+
+def diagnose(task: Task) -> JointDiagnosis:
+    """The verdict on one joint."""
+    start = time.process_time()
+    found = coverage(task.equations)
+    missing = lacks(found, task.rated_torque)
+    if _hopeless(task.equations, found):
+        return _refusal(task, found, missing, {}, time.process_time() - start)
+    search, selection = _search(task, prepare(task))
+    answer = _answer(task, found, missing, search, selection)
+    return replace(answer, seconds=time.process_time() - start)
+
+
+def prepare(task: Task) -> Dictionary:
+    """The dictionary of everything that could be missing, in units in which the baseline's a and b are 1."""
+    equations = task.equations
+    channels = list(equations.channels)
+    names = {effect.name for effect, _ in task.known}
+    effects = [effect for name, effect in task.library.items() if not effect.in_every_model and name not in names]
+    candidates = library_candidates(effects, equations.states, channels)
+    candidates += curve_candidates(curves(equations.states, set(channels)))
+    fixed = [
+        Candidate(effect.name, {n: c for n, c in effect.columns(equations.states, shape).items() if n in channels},
+                  effect, shape)
+        for effect, shape in task.known
+    ]  # fmt: skip
+    return build(equations, candidates, fixed)
+
+
+def _search(task: Task, dictionary: Dictionary) -> tuple[Search, Selection]:
+    """Search, then rescale with what was found and refine shapes, until neither moves."""
+    scores = Scores(dictionary)
+    dictionary, scores = _rescaled(dictionary, scores, ())
+    search = Search(dictionary, scores, task.thresholds)
+    selection = search.run()
+    for _ in range(ROUNDS):
+        if not selection:
+            break
+        better = refine(dictionary, scores, selection)
+        dictionary, scores, selection = _replaced(dictionary, scores, selection, better)
+        names = [(g.name, tuple(g.index)) for g in selection]
+        dictionary, scores = _rescaled(dictionary, scores, selection)
+        search = Search(dictionary, scores, task.thresholds)
+        by_index = {int(g.index[0]): g for g in dictionary.groups}
+        selection = tuple(by_index[index[0]] for _, index in names)
+        again = search.extend(search.forward(search.tidy(selection)))
+        if {id(g) for g in again} == {id(g) for g in selection} and not better:
+            break
+        selection = again
+    return search, selection
+
+
+def _rescaled(dictionary: Dictionary, scores: Scores, selection: Selection) -> tuple[Dictionary, Scores]:
+    """Units in which a and b of a fit are 1."""
+    scales = Fit.of(dictionary, scores, selection).scales
+    if all(abs(value - 1.0) < SCALE_TOLERANCE for value in scales.values()):
+        return dictionary, scores
+    safe = {name: value if 0.2 < value < 5.0 else 1.0 for name, value in scales.items()}
+    dictionary = dictionary.rescaled(safe)
+    return dictionary, Scores(dictionary)
+
+
+def _replaced(
+    dictionary: Dictionary, scores: Scores, selection: Selection, better: Mapping[str, Candidate]
+) -> tuple[Dictionary, Scores, Selection]:
+    """The selection with refined shapes in place of the grid's."""
+    if not better:
+        return dictionary, scores, selection
+    dictionary = dictionary.with_candidates(list(better.values()))
+    scores = scores.extended(dictionary)
+    fresh = dict(zip(better, dictionary.groups[-len(better) :], strict=True))
+    return dictionary, scores, tuple(fresh.get(group.name, group) for group in selection)
+
+
+def _hopeless(equations: JointEquations, found: Coverage) -> bool:
+    """True if there are too few rows to fit anything."""
+    return not equations.channels or found.duration < 3.0 or found.moving < 1.0
+
+
+def _refusal(
+    task: Task, found: Coverage, missing: list[Lack], channels: Mapping[str, ChannelError], seconds: float
+) -> JointDiagnosis:
+    return JointDiagnosis(
+        joint=task.equations.joint,
+        verdict=CANNOT_TELL,
+        effects=(),
+        unknown=None,
+        experiments=_experiments(missing),
+        channels=channels,
+        coverage=found,
+        notes=tuple(lack.what for lack in missing),
+        seconds=seconds,
+    )
+
+
+def _experiments(missing: list[Lack]) -> tuple[Experiment, ...]:
+    seen = dict.fromkeys((lack.purpose, lack.how) for lack in missing)
+    return tuple(Experiment(purpose, how) for purpose, how in seen)
+
+
+def _answer(task: Task, found: Coverage, missing: list[Lack], search: Search, selection: Selection) -> JointDiagnosis:
+    """Names, unknowns, refusals: what may be said of the selection."""
+    dictionary, scores = search.dictionary, search.scores
+    fit = Fit.of(dictionary, scores, selection)
+    raw = RawRows(dictionary, selection)
+    channels = _errors(fit, raw, scores, selection)
+    blocked = {name for lack in missing for name in lack.channels}
+    effects, denied = _effects(task, found, search, fit, raw, blocked)
+    unknown = _unknown(fit, search, selection, blocked)
+    experiments = list(_experiments([*missing, *denied]))
+    for effect in effects:
+        experiments += _separating(task, effect)
+    verdict = _verdict(effects, unknown, bool(denied), blocked, set(channels))
+    if verdict == CANNOT_TELL:
+        effects, unknown = (), None
+    notes = tuple(lack.what for lack in [*missing, *denied])
+    seen = {(e.purpose, e.how): e for e in experiments}
+    return JointDiagnosis(
+        task.equations.joint, verdict, effects, unknown, tuple(seen.values()), channels, found, notes, fit
+    )
+
+
+def _verdict(
+    effects: tuple[NamedEffect, ...], unknown: Unknown | None, denied: bool, blocked: set[str], channels: set[str]
+) -> str:
+    if effects:
+        return MISSING_AND_UNKNOWN if unknown else MISSING
+    if unknown:
+        return UNKNOWN
+    return CANNOT_TELL if denied or blocked & channels else ADEQUATE
+
+
+def _errors(fit: Fit, raw: RawRows, scores: Scores, selection: Selection) -> dict[str, ChannelError]:
+    before, after = raw.held_out_errors(scores, ()), raw.held_out_errors(scores, selection)
+    found = {}
+    for name, part in fit.dictionary.rows.items():
+        channel = fit.dictionary.equations.channels[name]
+        left = channel.left[part.usable]
+        measured = float(np.sqrt(np.mean((left - left.mean()) ** 2))) if left.size else float("nan")
+        found[name] = ChannelError(UNITS[name], measured, before[name], after[name], part.noise.deviation)
+    return found
+
+
+def _effects(
+    task: Task, found: Coverage, search: Search, fit: Fit, raw: RawRows, blocked: set[str]
+) -> tuple[tuple[NamedEffect, ...], list[Lack]]:
+    """The selected library effects that the recording can carry, most important first; and what it cannot carry."""
+    selection = fit.selection
+    named = [group for group in selection if not group.is_curve]
+    if not named:
+        return (), []
+    bootstrap = Bootstrap(fit)
+    order: list[tuple[Group, float, float, tuple[Rival, ...]]] = []
+    denied: list[Lack] = []
+    for group in named:
+        lack = unsupported(group.name, found)
+        if lack is not None or set(group.channels) <= blocked:
+            denied += [lack] if lack is not None else []
+            continue
+        support = search.support(group, tuple(g for g in selection if g is not group))
+        order.append((group, support.gain, support.t, tuple(rivals(search, selection, group))))
+    order.sort(key=lambda item: -item[1])
+    chosen: tuple[Group, ...] = ()
+    effects = []
+    before = raw.held_out_errors(search.scores, ())
+    for group, gain, t, others in order:
+        chosen = (*chosen, group)
+        after = raw.held_out_errors(search.scores, chosen)
+        effects.append(_named(task, fit, bootstrap, group, gain, t, others, before, after))
+        before = after
+    refused = len(named) > len(order) and not denied
+    return tuple(effects), denied if not refused else [Lack("structure in channels that the motion cannot decide", (),
+        "what the motion cannot decide", "see the other experiments")]  # fmt: skip
+
+
+def _named(
+    task: Task,
+    fit: Fit,
+    bootstrap: Bootstrap,
+    group: Group,
+    gain: float,
+    t: float,
+    others: tuple[Rival, ...],
+    before: Mapping[str, float],
+    after: Mapping[str, float],
+) -> NamedEffect:
+    assert group.effect is not None
+    effect = group.effect
+    floor = {name: part.noise.deviation for name, part in fit.dictionary.rows.items()}
+    channel = max(group.channels, key=lambda name: (before[name] ** 2 - after[name] ** 2) / floor[name] ** 2)
+    units = {parameter.name: parameter.unit for parameter in effect.parameters}
+    return NamedEffect(
+        name=effect.name,
+        title=effect.title,
+        confidence=confidence(gain, t, others),
+        channel=channel,
+        gain=gain,
+        t=t,
+        error_before=before[channel],
+        error_after=after[channel],
+        parameters=bootstrap.parameters(group, task.context),
+        units=units,
+        evidence=f"{channel.replace('_', ' ')}: the residual {effect.evidence}",
+        rivals=others,
+    )
+
+
+def _separating(task: Task, effect: NamedEffect) -> list[Experiment]:
+    """Experiments that separate a named effect from those that it can be confused with here."""
+    cls = task.library[effect.name]
+    known = {confusion.effect: confusion.experiment for confusion in cls.confusions}
+    return [
+        Experiment(f"{effect.name} against {other}", known[other]) for other in effect.confusable_with if other in known
+    ]
+
+
+def _unknown(fit: Fit, search: Search, selection: Selection, blocked: set[str]) -> Unknown | None:
+    """Free curves that survived, or bursts in time that no selected effect explains."""
+    left = [group for group in selection if group.curve is not None and not set(group.channels) <= blocked]
+    if left:
+        gains = [search.support(g, tuple(h for h in selection if h is not g)).gain for g in left]
+        group = left[int(np.argmax(gains))]
+        assert group.curve is not None
+        channel = group.channels[0]
+        variables = group.curve.variables
+        words = " and ".join(v.replace("_", " ") for v in variables)
+        text = f"{channel.replace('_', ' ')}: the residual depends on {words}"
+        return Unknown(channel, variables, f"{text} ({max(gains):.0f} nats held out); no effect of the library fits")
+    for burst in bursts(fit):
+        if burst.found and burst.channel not in blocked:
+            times = ", ".join(f"{t:.1f}" for t in burst.times[:8])
+            text = (
+                f"{burst.channel.replace('_', ' ')}: bursts at {times} s (worst {burst.worst:.0f} standard deviations)"
+            )
+            return Unknown(burst.channel, ("time",), text)
+    return None
