@@ -117,17 +117,19 @@ def random_moves(start: FloatArray, velocity_limit: FloatArray, random: np.rando
     return _knots(times, points, clock, (1.0, clock))
 
 
-def excitation(start: FloatArray, velocity_limit: FloatArray, random: np.random.Generator) -> Motion:
+def excitation(
+    start: FloatArray, velocity_limit: FloatArray, random: np.random.Generator, seconds: float = 60.0
+) -> Motion:
     """60 s that separate the effects: 25 s triangular velocity, 22 s five sines, 13 s logarithmic chirp.
 
     Triangular velocity up to 1.1 rad/s (at most 70 % of the limit) over at least 1 rad, sines 0.1 to 2.5 Hz, chirp 0.3
     to 20 Hz with acceleration held below 2.5 rad/s^2. Joints differ in period and phase, so that none mirrors another.
     """
-    n, begin = start.size, 1.0
+    n, begin, share = start.size, 1.0, seconds / 60.0
     stages = [
-        _triangular(25.0, np.minimum(1.1, 0.7 * velocity_limit), random, n),
-        _multisine(22.0, random, n),
-        _chirp(13.0, random, n),
+        _triangular(25.0 * share, np.minimum(1.1, 0.7 * velocity_limit), random, n),
+        _multisine(22.0 * share, random, n),
+        _chirp(13.0 * share, random, n),
     ]
     times, parts, clock = [], [], begin
     for stage_times, stage in stages:
