@@ -90,7 +90,9 @@ def _orders(channel: str, states: DriveStates, kind: str = "plain") -> Curve:
         columns = columns * FACTORS[kind](states)[:, None]
     variables = ("motor_shaft_position",) if kind == "plain" else ("motor_shaft_position", kind.removeprefix("with "))
     knots = np.array(ORDERS, dtype=float)
-    return Curve(f"{channel}: motor_shaft_position {kind}", variables, {channel: columns}, knots, "motor_shaft_position", kind)
+    return Curve(
+        f"{channel}: motor_shaft_position {kind}", variables, {channel: columns}, knots, "motor_shaft_position", kind
+    )
 
 
 def _turned(states: DriveStates) -> bool:
@@ -180,6 +182,12 @@ def _gauge_curves(s: DriveStates, time_too: bool) -> list[Curve]:
         orders = _orders(LINK, s).columns[LINK]
         both = {MOTOR: -orders, LINK: orders}
         found.append(
-            Curve("gauge: motor_shaft_position plain", ("motor_shaft_position",), both, np.array(ORDERS, dtype=float), "motor_shaft_position")
+            Curve(
+                "gauge: motor_shaft_position plain",
+                ("motor_shaft_position",),
+                both,
+                np.array(ORDERS, dtype=float),
+                "motor_shaft_position",
+            )
         )
     return found

@@ -28,6 +28,10 @@ MASK_MARGIN_S = 0.02
 ACCELERATION_SNR = 10.0
 """Power ratio of acceleration to its noise from which on the acceleration may stand alone on the left."""
 
+COMMAND_DELAY_PRIOR = 1e-4
+SIGNAL_DELAY_PRIOR = 5e-4
+"""s, standard deviation of delays between recorded signals that nobody declared; carried along, never a claim."""
+
 LinkTerms = tuple[FloatArray, FloatArray, FloatArray | None, FloatArray | None]
 """Nominal M q'' and bias (rows,), own-link and tool regressors (rows, 10) or None, at the rows of the link channel."""
 LinkFunction = Callable[[Band, Spectral], LinkTerms]
@@ -126,7 +130,9 @@ def build_equations(signals: JointSignals, known: Known, link: LinkFunction | No
         for name, channel in ((MOTOR, builder.motor()), (TRANSMISSION, builder.transmission()), (LINK, builder.link()))
         if channel is not None
     }
-    return JointEquations(signals.joint, states, derived, spectral, channels, known.rotor_inertia, 1.0, builder.substituted)
+    return JointEquations(
+        signals.joint, states, derived, spectral, channels, known.rotor_inertia, 1.0, builder.substituted
+    )
 
 
 def _link_band(period: float) -> Band:
@@ -177,7 +183,10 @@ class _Builder:
         friction = [
             Base("coulomb_friction", sp.filter(self.states.motor_direction, band)),
             Base("viscous_friction", sp.filter(self.states.motor_velocity, band)),
+            Base("command_delay", sp.filter(filled["motor_torque"], band, 1, sp.hold()), COMMAND_DELAY_PRIOR),
         ]
+        if "gauge_torque" in filled:
+            friction.append(Base("torque_delay", -sp.filter(filled["gauge_torque"], band, 1), SIGNAL_DELAY_PRIOR))
         valid = self._valid(band, self.derived.usable & self.derived.sliding)
         snr = self._snr(filled["motor_position"], band, acceleration, valid)
         prior = self.known.rotor_inertia_prior
@@ -193,7 +202,8 @@ class _Builder:
         valid = self._valid(band, self.derived.usable)
         position = self.derived.filled["joint_position"]
         snr = self._snr(position, band, sp.filter(position, band, 2), valid)
-        return self._channel(LINK, band, valid, left, drive, [], self.known.link_inertia_prior, snr)
+        delay = [Base("torque_delay", sp.filter(self.states.gauge_torque, band, 1), SIGNAL_DELAY_PRIOR)]
+        return self._channel(LINK, band, valid, left, drive, delay, self.known.link_inertia_prior, snr)
 
     def transmission(self) -> Channel | None:
         """Torsion against torque."""
@@ -214,6 +224,7 @@ class _Builder:
             Base("transmission_zero", np.ones(left.size)),
             # Noise of the gauge biases the coefficient of the fast part towards zero; the slow part keeps its own.
             Base("fast_torque", raw - light),
+            Base("joint_delay", sp.filter(filled["joint_position"], band, 1), SIGNAL_DELAY_PRIOR),
         )
         valid = self._valid(band, self.derived.usable)
         return Channel(TRANSMISSION, band, sp, s.time[:: band.step], valid, left, base, None, np.inf)

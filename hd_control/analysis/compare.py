@@ -1,0 +1,130 @@
+"""How well a model explains a recording of one joint, channel by channel, as written and after refitting its values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from hd_control.analysis.bands import FloatArray
+from hd_control.analysis.diagnose import Task, prepare
+from hd_control.analysis.dictionary import Dictionary, build
+from hd_control.analysis.fit import Fit, RawRows
+from hd_control.analysis.joint_states import BoolArray
+from hd_control.analysis.noise import Noise
+from hd_control.analysis.scores import Scores
+from hd_control.drive.effect import TRANSMISSION, UNITS
+
+
+@dataclass(frozen=True)
+class ChannelComparison:
+    """One channel of one model on its rows: what is measured (the left side), the residual of the model as written and
+    after refitting what it already has; arrays (rows,) in the unit of the channel, `used`: rows that count."""
+
+    name: str
+    time: FloatArray
+    used: BoolArray
+    measured: FloatArray
+    residual: FloatArray
+    refitted: FloatArray
+    noise_floor: float
+    worst: tuple[Mapping[str, Any], ...] = field(default=())
+
+    @property
+    def unit(self) -> str:
+        """Unit of the channel."""
+        return UNITS[self.name]
+
+    @property
+    def rms_measured(self) -> float:
+        """RMS of the left side about its mean."""
+        left = self.measured[self.used]
+        return float(np.sqrt(np.mean((left - left.mean()) ** 2))) if left.size else float("nan")
+
+    @property
+    def rms_error(self) -> float:
+        """RMS of the residual as written."""
+        return _rms(self.residual[self.used])
+
+    @property
+    def rms_error_refitted(self) -> float:
+        """RMS after refitting the values that the model has: a wrong value is not a missing effect."""
+        return _rms(self.refitted[self.used])
+
+    @property
+    def structured_fraction(self) -> float:
+        """Share of the residual's energy that is not noise."""
+        error = self.rms_error
+        return max(0.0, 1.0 - self.noise_floor**2 / error**2) if error > 0.0 else 0.0
+
+    def json(self) -> dict[str, Any]:
+        """The form of `hd.compare/1`."""
+        measured = self.rms_measured
+        return {
+            "unit": self.unit,
+            "rms_measured": measured,
+            "rms_error": self.rms_error,
+            "rms_error_refitted": self.rms_error_refitted,
+            "error_percent": 100.0 * self.rms_error / measured if measured > 0.0 else None,
+            "noise_floor": self.noise_floor,
+            "max_error": float(np.max(np.abs(self.residual[self.used]), initial=0.0)),
+            "structured_fraction": self.structured_fraction,
+            "worst": [dict(item) for item in self.worst],
+        }
+
+
+@dataclass(frozen=True)
+class JointComparison:
+    """A model against one joint's recording."""
+
+    joint: str
+    channels: Mapping[str, ChannelComparison]
+    dictionary: Dictionary
+    refit: Fit
+
+
+def noises_of(task: Task) -> dict[str, Noise]:
+    """The noise of each channel: what the richest model does not explain."""
+    return {name: part.noise for name, part in prepare(task).rows.items()}
+
+
+def compare(task: Task, written: FloatArray | None, noises: Mapping[str, Noise] | None = None) -> JointComparison:
+    """Residuals of the model as written (coefficients of `joint_task.written_coefficients`) and refitted.
+
+    The assembly zero of the joint sensor is no property of a model: it is always refitted.
+    """
+    from hd_control.analysis.dictionary import Candidate
+
+    noises = noises or noises_of(task)
+    channels = list(task.equations.channels)
+    fixed = [
+        Candidate(
+            effect.name,
+            {n: c for n, c in effect.columns(task.equations.states, shape).items() if n in channels},
+            effect,
+            shape,
+        )
+        for effect, shape in task.known
+    ]
+    dictionary = build(task.equations, (), fixed, noises)
+    scores = Scores(dictionary)
+    fit = Fit.of(dictionary, scores, ())
+    raw = RawRows(dictionary, ())
+    refitted = raw.residual(fit.coefficients)
+    residual = refitted if written is None else raw.residual(written)
+    found = {}
+    for name, channel in task.equations.channels.items():
+        used = channel.valid
+        error = residual[name]
+        if name == TRANSMISSION and used.any():
+            error = error - error[used].mean()
+        found[name] = ChannelComparison(
+            name, channel.time, used, channel.left, error, refitted[name], noises[name].deviation
+        )
+    return JointComparison(task.equations.joint, found, dictionary, fit)
+
+
+def _rms(x: FloatArray) -> float:
+    return float(np.sqrt(np.mean(x**2))) if x.size else float("nan")
