@@ -1,0 +1,210 @@
+"""A blind campaign: many random joints, each diagnosed without its truth, each answer scored afterwards.
+
+One line of JSON per joint goes to the record file as soon as it is known, so an interrupted campaign loses nothing and
+goes on where it stopped. The diagnosis receives columns and nominal values, never the case.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hd_control.core.errors import ConfigError, HdError
+from hd_sim.campaign_table import FAILED
+from hd_sim.challenge_score import score_joint
+from hd_sim.pairs import Pair, make_pair
+
+FloatArray = NDArray[np.float64]
+SCHEMA = "hd.campaign/1"
+RANGES = {"development": (0, 99_999), "calibration": (100_000, 199_999), "test": (900_000, 999_999)}
+"""Seeds by purpose; see docs/challenge.md."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What the diagnosis may know: two recordings and the nominal model of one joint, as in `pairs.Pair`."""
+
+    period: float
+    fit: Mapping[str, FloatArray]
+    held_out: Mapping[str, FloatArray]
+    model: Mapping[str, Any]
+
+
+Ask = Callable[[Question], Mapping[str, Any]]
+"""A diagnosis: the JSON form of one joint, schema hd.diagnosis/1."""
+Oracle = Callable[[Question, Mapping[str, Any], Sequence[str]], float | None]
+"""After the answer, with the true names: held-out reduction over that of the true structure, None if not measured."""
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """Seeds `seed` to `seed + count - 1` of one kind (mix or a category); `judge` as in `cases.draw_case`."""
+
+    count: int
+    seed: int
+    kind: str = "mix"
+    judge: bool | None = None
+
+    def seeds(self) -> range:
+        """The seeds in their order."""
+        return range(self.seed, self.seed + self.count)
+
+    def header(self) -> dict[str, Any]:
+        """First line of a record file."""
+        return {"schema": SCHEMA, "seed": self.seed, "kind": self.kind, "judge": self.judge}
+
+
+def run_one(campaign: Campaign, seed: int, ask: Ask, oracle: Oracle | None = None) -> dict[str, Any]:
+    """One joint: recordings, blind answer, score. An error of the diagnosis is an answer too, the verdict `failed`."""
+    pair = make_pair(seed, campaign.kind, campaign.judge)
+    question = Question(pair.period, pair.fit, pair.held_out, pair.model)
+    start = time.process_time()
+    try:
+        answer = dict(ask(question))
+    except HdError as error:
+        answer = {"verdict": FAILED, "effects": [], "unknown": None, "experiments": [], "error": str(error)}
+    seconds = time.process_time() - start
+    share = None
+    if oracle is not None and answer["verdict"] != FAILED and pair.case.names:
+        share = oracle(question, answer, pair.case.names)
+    return _record(pair, answer, seconds, share)
+
+
+def _record(pair: Pair, answer: dict[str, Any], seconds: float, share: float | None) -> dict[str, Any]:
+    case = pair.case
+    truth = pair.truth["joints"][pair.model["joint"]]
+    record: dict[str, Any] = _plain(
+        {
+            "seed": case.seed,
+            "category": case.category,
+            "names": list(case.names),
+            "unknown": list(case.unknown),
+            "step": case.step,
+            "strengths": [effect.strength for effect in case.effects],
+            "motion": case.motion,
+            "features": dict(case.features),
+            "score": score_joint(answer, truth, case.tolerated).to_dict(),
+            "answer": answer,
+            "cpu_seconds": seconds,
+            "held_out_share": share,
+        }
+    )
+    return record
+
+
+def read_record(path: Path, campaign: Campaign) -> list[dict[str, Any]]:
+    """Finished joints of a record file that belong to the campaign; a last line that was cut off is left out.
+
+    Raises ConfigError if the file is no record, or of a campaign of another kind.
+    """
+    if not path.exists():
+        return []
+    found: list[dict[str, Any]] = []
+    lines = path.read_text(encoding="utf-8").splitlines()
+    for number, line in enumerate(lines, 1):
+        try:
+            entry = json.loads(line)
+        except ValueError:
+            if number == len(lines):
+                break
+            raise ConfigError(f"{path}: line {number}: not JSON; not a record of a campaign") from None
+        if number == 1:
+            _check_header(path, entry, campaign)
+        elif entry["seed"] in campaign.seeds():
+            found.append(entry)
+    return found
+
+
+def _check_header(path: Path, entry: Any, campaign: Campaign) -> None:
+    if not isinstance(entry, dict) or entry.get("schema") != SCHEMA:
+        raise ConfigError(f"{path}: not a record of a campaign (schema {SCHEMA})")
+    same = {key: entry.get(key) for key in ("kind", "judge")}
+    if same != {"kind": campaign.kind, "judge": campaign.judge}:
+        raise ConfigError(f"{path}: a record of kind {same['kind']}, judge {same['judge']}; choose another file")
+
+
+def run_campaign(
+    campaign: Campaign, ask: Ask, jobs: int = 1, record: Path | None = None, oracle: Oracle | None = None
+) -> Iterator[dict[str, Any]]:
+    """Yields the records, first those that the record file holds already, then new ones as they are finished."""
+    old = read_record(record, campaign) if record else []
+    yield from old
+    done = {entry["seed"] for entry in old}
+    left = [seed for seed in campaign.seeds() if seed not in done]
+    if not left:
+        return
+    stream = _open_record(record, campaign) if record else None
+    try:
+        for entry in _results(campaign, left, ask, jobs, oracle):
+            if stream is not None:
+                stream.write(json.dumps(entry) + "\n")
+                stream.flush()
+                os.fsync(stream.fileno())
+            yield entry
+    finally:
+        if stream is not None:
+            stream.close()
+
+
+def _results(
+    campaign: Campaign, seeds: Sequence[int], ask: Ask, jobs: int, oracle: Oracle | None
+) -> Iterator[dict[str, Any]]:
+    if jobs <= 1:
+        for seed in seeds:
+            yield run_one(campaign, seed, ask, oracle)
+        return
+    from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+    from multiprocessing import get_context
+
+    waiting = list(reversed(seeds))
+    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_ignore_interrupt)
+    try:
+        running: set[Future[dict[str, Any]]] = set()
+        while waiting or running:
+            while waiting and len(running) < 2 * jobs:
+                running.add(pool.submit(run_one, campaign, waiting.pop(), ask, oracle))
+            finished, running = wait(running, return_when=FIRST_COMPLETED)
+            for future in finished:
+                yield future.result()
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _ignore_interrupt() -> None:
+    """Ctrl-C is for the campaign, not for its workers."""
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _open_record(path: Path, campaign: Campaign) -> Any:
+    """The record file, open at its end; a line that was cut off is removed."""
+    if not path.exists():
+        stream = path.open("x", encoding="utf-8")
+        stream.write(json.dumps(campaign.header()) + "\n")
+        return stream
+    text = path.read_bytes()
+    whole = text[: text.rfind(b"\n") + 1]
+    if len(whole) != len(text):
+        with path.open("r+b") as file:
+            file.truncate(len(whole))
+    return path.open("a", encoding="utf-8")
+
+
+def _plain(value: Any) -> Any:
+    """JSON's own types; NaN and infinities become null."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    return None if isinstance(value, float) and not np.isfinite(value) else value

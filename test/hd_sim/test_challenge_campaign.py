@@ -1,0 +1,80 @@
+"""Campaigns: blind, resumable, the same with one and two workers, errors as answers."""
+
+import json
+
+import pytest
+
+from hd_control.core.errors import BagError, ConfigError
+from hd_sim.campaign import FAILED, RANGES, Campaign, read_record, run_campaign, run_one
+from hd_sim.campaign_table import make_table
+
+
+def adequate(question):
+    """A diagnosis that always finds the model good; it looks at what it was given."""
+    assert set(question.model) == {"joint", "gear_ratio", "rated_torque", "robot", "effects"}
+    return {"verdict": "adequate", "effects": [], "unknown": None, "experiments": [], "n": question.fit["time"].size}
+
+
+def refuses(question):
+    raise BagError("no signals")
+
+
+def test_the_question_holds_nothing_of_the_case():
+    seen = []
+
+    def look(question):
+        seen.append(question)
+        return adequate(question)
+
+    entry = run_one(Campaign(1, 17, "one"), 17, look)
+    assert set(vars(seen[0])) == {"period", "fit", "held_out", "model"}
+    assert "strength" not in json.dumps(seen[0].model)
+    assert entry["category"] == "one" and entry["score"]["missed"] == entry["names"]
+
+
+def test_an_error_of_the_diagnosis_is_an_answer():
+    entry = run_one(Campaign(1, 3, "none"), 3, refuses)
+    assert entry["score"]["verdict"] == FAILED and entry["answer"]["error"] == "no signals"
+    assert not entry["score"]["correct"] and not entry["score"]["false_alarm"]
+    assert any(row.name == "diagnosis failed" and row.hits == 1 for row in make_table([entry]))
+
+
+def test_an_interrupted_campaign_goes_on_where_it_stopped(tmp_path):
+    record, campaign = tmp_path / "run.jsonl", Campaign(6, 40, "poor")
+    started = run_campaign(campaign, adequate, record=record)
+    first = [next(started)["seed"] for _ in range(2)]
+    started.close()
+    with record.open("a") as file:
+        file.write('{"seed": 42, "cut o')
+    again = list(run_campaign(campaign, adequate, record=record))
+    assert first == [40, 41] and sorted(entry["seed"] for entry in again) == list(range(40, 46))
+    assert len(read_record(record, campaign)) == 6
+    assert len(list(run_campaign(campaign, refuses, record=record))) == 6, "nothing is asked twice"
+
+
+def test_workers_give_the_same_records():
+    campaign = Campaign(3, 60, "poor")
+    one, two = (
+        {e["seed"]: {k: v for k, v in e.items() if k != "cpu_seconds"} for e in run_campaign(campaign, adequate, jobs)}
+        for jobs in (1, 2)
+    )
+    assert one == two
+
+
+def test_a_foreign_or_other_record_is_refused(tmp_path):
+    other = tmp_path / "other.jsonl"
+    list(run_campaign(Campaign(1, 1, "poor"), adequate, record=other))
+    with pytest.raises(ConfigError, match="kind poor"):
+        read_record(other, Campaign(1, 1, "mix"))
+    foreign = tmp_path / "foreign.jsonl"
+    foreign.write_text('{"schema": "something"}\n')
+    with pytest.raises(ConfigError, match="not a record"):
+        read_record(foreign, Campaign(1, 1))
+    foreign.write_text("a,b\n1,2\n")
+    with pytest.raises(ConfigError, match="line 1"):
+        read_record(foreign, Campaign(1, 1))
+
+
+def test_seed_ranges_are_disjoint():
+    ends = sorted(RANGES.values())
+    assert all(a[1] < b[0] for a, b in zip(ends, ends[1:], strict=False))
