@@ -1,7 +1,7 @@
 """The three balances of one joint as linear equations, row by row: what is measured, what is known, what is free.
 
     motor_torque    -I0 phi'' = -a (u_z - tau_s) + k_c s + k_v phi' + sum theta x       a = I0 / I*
-    transmission     q - phi  = -tau_s / k + (d / k) tau_s' + c0    + sum theta x
+    transmission     q - phi  = -tau_s / (k (1 + d s)) + c0         + sum theta x
     link_torque     -M q''    = -b (tau_s - g)                      + sum theta x       b = nominal / true inertia
 
 The noisy derivative stands on the left: a noisy regressor would be biased towards zero and hand its loss to an innocent
@@ -32,6 +32,9 @@ COMMAND_DELAY_PRIOR = 1e-4
 SIGNAL_DELAY_PRIOR = 5e-4
 """s, standard deviation of delays between recorded signals that nobody declared; carried along, never a claim."""
 
+DAMPING_ROUNDS = 3
+LONGEST_DAMPING = 0.02
+
 LinkTerms = tuple[FloatArray, FloatArray, FloatArray | None, FloatArray | None]
 """Nominal M q'' and bias (rows,), own-link and tool regressors (rows, 10) or None, at the rows of the link channel."""
 LinkFunction = Callable[[Band, Spectral], LinkTerms]
@@ -50,6 +53,7 @@ class Base:
 class Channel:
     """One balance on its decimated rows: `left` (rows,) = base columns and effects; unit of the channel.
 
+    `damping_time` s: of the spring, around which the torsion is linear (transmission only).
     `scale`: index of the base column whose coefficient (negated) is a or b; None where the torque stands on the left.
     """
 
@@ -62,6 +66,7 @@ class Channel:
     base: tuple[Base, ...]
     scale: int | None
     snr: float
+    damping_time: float = 0.0
 
     def rows_of(self, columns: FloatArray) -> FloatArray:
         """Columns (n, k) at the rate of the recording -> (rows, k), filtered as the left side is."""
@@ -108,6 +113,7 @@ class Known:
     rotor_inertia_prior: float = 0.1
     link_inertia_prior: float = 0.1
     command_delay: float = 0.0
+    damping_time: float = 0.0
 
 
 def build_equations(signals: JointSignals, known: Known, link: LinkFunction | None) -> JointEquations:
@@ -216,18 +222,36 @@ class _Builder:
             return None
         band = band_for(s.period, *BANDS[TRANSMISSION])
         left = sp.filter(filled["joint_position"] - filled["motor_position"], band)
-        torque = sp.transform(self.states.gauge_torque)
-        raw, light = sp.back(*torque, band)[:, 0], sp.filter(self.states.joint_torque, band)
-        base = (
-            Base("torsional_compliance", -raw),
-            Base("torsional_damping", sp.back(*torque, band, 1)[:, 0]),
-            Base("transmission_zero", np.ones(left.size)),
-            # Noise of the gauge biases the coefficient of the fast part towards zero; the slow part keeps its own.
-            Base("fast_torque", raw - light),
-            Base("joint_delay", sp.filter(filled["joint_position"], band, 1), SIGNAL_DELAY_PRIOR),
-        )
         valid = self._valid(band, self.derived.usable)
-        return Channel(TRANSMISSION, band, sp, s.time[:: band.step], valid, left, base, None, np.inf)
+        damping = self.known.damping_time
+        for _ in range(DAMPING_ROUNDS):
+            base = self._torsion_base(band, damping)
+            if not valid.any():
+                break
+            columns = np.stack([b.column[valid] for b in base], axis=1)
+            scale = np.sqrt((columns**2).mean(axis=0)) + 1e-300
+            solution = np.linalg.lstsq(columns / scale, left[valid], rcond=None)[0] / scale
+            if not solution[0] > 0.0:
+                break
+            damping = float(np.clip(damping + solution[1] / solution[0], 0.0, LONGEST_DAMPING))
+        base = self._torsion_base(band, damping)
+        return Channel(TRANSMISSION, band, sp, s.time[:: band.step], valid, left, base, None, np.inf, damping)
+
+    def _torsion_base(self, band: Band, damping: float) -> tuple[Base, ...]:
+        """Torsion of spring and damper in parallel: tau_s / (k (1 + d s)), its change with d, zero, and nuisances."""
+        sp, omega = self.spectral, 2j * np.pi * self.spectral.frequency
+        lag = 1.0 / (1.0 + omega * damping)
+        torque = sp.transform(self.states.gauge_torque)
+        raw = sp.back(*torque, band, 0, lag)[:, 0]
+        slope = sp.back(*torque, band, 1, lag**2)[:, 0]
+        return (
+            Base("torsional_compliance", -raw),
+            Base("torsional_damping", slope),
+            Base("transmission_zero", np.ones(raw.size)),
+            # Noise of the gauge biases the coefficient of the fast part towards zero; the slow part keeps its own.
+            Base("fast_torque", raw - sp.filter(self.states.joint_torque, band, 0, lag)),
+            Base("joint_delay", sp.filter(self.derived.filled["joint_position"], band, 1), SIGNAL_DELAY_PRIOR),
+        )
 
     def _channel(
         self,

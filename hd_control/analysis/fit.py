@@ -68,6 +68,20 @@ class Fit:
         correction = self.base(LINK, "inertia_correction") or 0.0
         return self.dictionary.equations.link_scale / self.scale(LINK) * (1.0 + correction)
 
+    @property
+    def torsional_stiffness(self) -> float:
+        """k, N m/rad; NaN without a transmission channel."""
+        compliance = self.base(TRANSMISSION, "torsional_compliance")
+        return 1.0 / compliance if compliance and compliance > 0.0 else float("nan")
+
+    @property
+    def damping_time(self) -> float:
+        """d, s; NaN without a transmission channel."""
+        change = self.base(TRANSMISSION, "torsional_damping")
+        if change is None:
+            return float("nan")
+        return self.dictionary.equations.channels[TRANSMISSION].damping_time + change * self.torsional_stiffness
+
     def context(self, default: Context) -> Context:
         """Stiffness and Coulomb torque for the change to physical parameters; `default` where a channel is missing."""
         compliance = self.base(TRANSMISSION, "torsional_compliance")

@@ -42,6 +42,7 @@ def equations_of(signals: JointSignals, joint: JointModel, link: LinkFunction | 
         rotor_inertia_prior=_prior(inertia),
         link_inertia_prior=_prior(joint.effects.get("link_dynamics", {}).get("inertia")),
         command_delay=value_of(joint, DELAY, "delay"),
+        damping_time=value_of(joint, "torsional_stiffness", "damping_time"),
     )
     return build_equations(signals, known, link)
 
@@ -81,7 +82,9 @@ def written_coefficients(
 ) -> FloatArray:
     """The model's own values as coefficients (p,) of a dictionary that was not rescaled."""
     compliance = 1.0 / context.torsional_stiffness
-    damping = value_of(joint, "torsional_stiffness", "damping_time") * compliance
+    channel = dictionary.equations.channels.get(TRANSMISSION)
+    around = 0.0 if channel is None else channel.damping_time
+    damping = (value_of(joint, "torsional_stiffness", "damping_time") - around) * compliance
     base = {
         (MOTOR, "drive_torque"): 1.0,
         (MOTOR, "coulomb_friction"): context.coulomb_torque,

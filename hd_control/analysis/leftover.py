@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.fit import Fit
+from hd_control.drive.effect import MOTOR
 
 BURST_BLOCK_S = 0.33
 BURST_Z = 7.0
@@ -34,7 +36,9 @@ def bursts(fit: Fit) -> list[Bursts]:
     found = []
     for name, residual in fit.residuals().items():
         part = fit.dictionary.rows[name]
-        block = np.floor(part.time / BURST_BLOCK_S).astype(np.int64)
+        smooth = ~_staircase(fit, name)
+        residual = residual[smooth]
+        block = np.floor(part.time[smooth] / BURST_BLOCK_S).astype(np.int64)
         _, inverse, counts = np.unique(block, return_inverse=True, return_counts=True)
         mean = np.bincount(inverse, residual**2) / counts
         enough = counts >= 8
@@ -45,9 +49,37 @@ def bursts(fit: Fit) -> list[Bursts]:
         centre = float(np.median(z[enough]))
         scale = max(1.0, 1.4826 * float(np.median(np.abs(z[enough] - centre))))
         z = np.where(enough, (z - centre) / scale, 0.0)
-        start = np.bincount(inverse, part.time) / counts
+        start = np.bincount(inverse, part.time[smooth]) / counts
         found.append(Bursts(name, float(z.max()), tuple(start[z > BURST_Z].tolist())))
     return found
+
+
+def _staircase(fit: Fit, name: str) -> NDArray[np.bool_]:
+    """Rows (rows,) at which the counts of an angle, or their beat with the sampling, fall inside the channel's band:
+    there the quantisation is a tone and no white noise."""
+    equations, part = fit.dictionary.equations, fit.dictionary.rows[name]
+    states = equations.states
+    index = np.flatnonzero(part.usable) * part.channel.band.step
+    sources = [(states.motor_velocity, quantum(states.motor_position))]
+    if name != MOTOR:
+        sources.append((states.joint_velocity, quantum(equations.derived.filled["joint_position"])))
+    slow = np.zeros(index.size, dtype=bool)
+    for velocity, step in sources:
+        if step > 0.0:
+            counts = velocity[index] * (states.period / step)
+            slow |= np.abs(counts - np.round(counts)) < part.channel.band.zero * states.period
+    return slow
+
+
+def quantum(signal: FloatArray) -> float:
+    """The count of a quantised signal; 0 if its smallest steps are no counts."""
+    steps = np.abs(np.diff(signal))
+    steps = steps[steps > 0.0]
+    if steps.size == 0:
+        return 0.0
+    small = float(np.quantile(steps, 0.01))
+    whole = steps[:2000] / small
+    return small if float(np.mean(np.abs(whole - np.round(whole)) < 0.05)) > 0.9 else 0.0
 
 
 @dataclass(frozen=True)
