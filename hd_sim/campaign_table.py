@@ -77,6 +77,8 @@ def make_table(records: Sequence[Record]) -> list[Row]:
         _share("poor recording: refused", poor, _flag("refused")),
         _share("good recording: needless refusal", good, _flag("refused")),
         _share("diagnosis failed", records, lambda r: r["score"]["verdict"] == FAILED),
+        *_confidence_rows(good),
+        _share("control: one effect, top 1 against another joint's truth", _shuffled(one), lambda r: r["hit"]),
         *_parameter_rows(records),
         *_held_out_rows(good),
         *_time_rows(records),
@@ -112,6 +114,34 @@ def _parameter_rows(records: Iterable[Record]) -> list[Row]:
         _quantile("parameter error, 90 % quantile", errors, 0.9, "%"),
         _share("parameter inside its 95 % interval", covered, lambda p: p["covered"]),
     ]
+
+
+def _confidence_rows(records: Iterable[Record]) -> list[Row]:
+    """How far stated confidence and share of right names are apart: mean over ten bins, weighted by their counts."""
+    said = []
+    for record in records:
+        for effect in record["answer"].get("effects") or []:
+            if effect["name"] not in record["score"]["tolerated"]:
+                said.append((float(effect.get("confidence") or 0.0), effect["name"] in record["names"]))
+    if not said:
+        return []
+    confidence, right = np.array(said, dtype=float).T
+    bins = np.minimum((10.0 * confidence).astype(int), 9)
+    weights = np.bincount(bins, minlength=10)
+    gaps = np.abs(np.bincount(bins, confidence, 10) - np.bincount(bins, right, 10))
+    return [
+        _share("named effects: right", [{"right": value} for value in right], lambda r: bool(r["right"])),
+        Row("calibration error of the confidence", len(said), value=float(gaps.sum() / weights.sum())),
+    ]
+
+
+def _shuffled(records: Sequence[Record]) -> list[dict[str, bool]]:
+    """Label permutation: every answer against the truth of the next joint; the score must fall to chance."""
+    found = []
+    for answered, other in zip(records, [*records[1:], *records[:1]], strict=True):
+        named = [effect["name"] for effect in answered["answer"].get("effects") or []]
+        found.append({"hit": bool(named) and named[0] == other["names"][0]})
+    return found
 
 
 def _held_out_rows(records: Iterable[Record]) -> list[Row]:

@@ -203,8 +203,22 @@ def _recorded(
         if name == "motor_torque":  # a held value read late is the one of the tick before
             found[name] = np.concatenate([found[name][:1], found[name][:-1]])
         else:
-            found[name] = _later(found[name], delay / period)
+            found[name] = _on_counts(_later(found[name], delay / period), name, drive)
     return found
+
+
+def _on_counts(values: FloatArray, name: str, drive: RandomDrive) -> FloatArray:
+    """The sensor's own resolution again, rad."""
+    settings = drive.config.drives
+    counts = {
+        "motor_shaft_position": settings["encoder_counts"][0],
+        "joint_position": 2.0 ** settings["resolver_bits"][0],
+    }
+    if name not in counts:
+        return values
+    step = 2.0 * np.pi / counts[name]
+    rounded: FloatArray = step * np.round(values / step)
+    return rounded
 
 
 def _later(values: FloatArray, samples: float) -> FloatArray:

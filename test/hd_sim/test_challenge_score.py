@@ -119,8 +119,8 @@ def _record(category, score, step="", names=(), **more):
 def test_the_table_counts_and_leaves_out_what_was_not_asked():
     wrong = _answer("missing", _effect("payload"))
     records = [
-        _record("none", score_joint(_answer("adequate"), _truth()), cpu_seconds=1.0),
-        _record("none", score_joint(wrong, _truth()), cpu_seconds=3.0),
+        _record("none", score_joint(_answer("adequate"), _truth()), cpu_seconds=1.0, answer=_answer("adequate")),
+        _record("none", score_joint(wrong, _truth()), cpu_seconds=3.0, answer=wrong),
         _record(
             "one",
             score_joint(_answer("missing", _effect("backlash")), _truth("backlash")),
@@ -139,3 +139,15 @@ def test_the_table_counts_and_leaves_out_what_was_not_asked():
     assert "| no effect: false alarm | 1/2 | 50.0 % | 1.3–98.7 % |" in table_text(rows.values())
     assert confusion(records) == [("backlash", "backlash", 1)]
     assert all(math.isfinite(row.low) for row in rows.values() if row.low is not None)
+
+
+def test_confidence_is_compared_with_the_share_of_right_names():
+    """Two names at 0.9, one of them wrong: right in half the cases, 0.4 apart; shuffled truths give no hit."""
+    records = []
+    for name, said in (("backlash", "backlash"), ("payload", "quadratic_drag")):
+        answer = _answer("missing", _effect(said))
+        records.append(_record("one", score_joint(answer, _truth(name)), "weak", [name], answer=answer))
+    rows = {row.name: row for row in make_table(records)}
+    assert rows["calibration error of the confidence"].value == pytest.approx(0.4)
+    assert (rows["named effects: right"].hits, rows["named effects: right"].count) == (1, 2)
+    assert rows["control: one effect, top 1 against another joint's truth"].hits == 0
