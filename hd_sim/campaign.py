@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from hd_control.core.errors import ConfigError, HdError
 from hd_sim.campaign_table import FAILED
-from hd_sim.challenge_score import score_joint
-from hd_sim.pairs import Pair, make_pair
+from hd_sim.challenge_score import REFUSED, score_joint
+from hd_sim.pairs import FIT_S, HELD_OUT_S, Pair, make_pair, set_up
 
 FloatArray = NDArray[np.float64]
 SCHEMA = "hd.campaign/1"
@@ -72,15 +72,33 @@ def run_one(campaign: Campaign, seed: int, ask: Ask, oracle: Oracle | None = Non
     except HdError as error:
         answer = {"verdict": FAILED, "effects": [], "unknown": None, "experiments": [], "error": str(error)}
     seconds = time.process_time() - start
+    again = _after_experiment(pair, ask) if answer["verdict"] == REFUSED else None
     share = None
     if oracle is not None and answer["verdict"] != FAILED and pair.case.names:
         share = oracle(question, answer, pair.case.names)
-    return _record(pair, answer, seconds, share)
+    return _record(pair, answer, seconds, share, again)
 
 
-def _record(pair: Pair, answer: dict[str, Any], seconds: float, share: float | None) -> dict[str, Any]:
+def _after_experiment(pair: Pair, ask: Ask) -> dict[str, Any]:
+    """What the diagnosis says once the judge has played the general recording on the same joint; scored."""
+    bench = set_up(pair.case)
+    fit, held_out = (bench.record("general", number, seconds) for number, seconds in ((2, FIT_S), (3, HELD_OUT_S)))
+    try:
+        answer = ask(Question(pair.period, fit, held_out, pair.model))
+    except HdError as error:
+        answer = {"verdict": FAILED, "error": str(error)}
+    return score_joint(answer, _joint_truth(pair), pair.case.tolerated).to_dict()
+
+
+def _joint_truth(pair: Pair) -> Mapping[str, Any]:
+    truth: Mapping[str, Any] = pair.truth["joints"][pair.model["joint"]]
+    return truth
+
+
+def _record(
+    pair: Pair, answer: dict[str, Any], seconds: float, share: float | None, again: dict[str, Any] | None
+) -> dict[str, Any]:
     case = pair.case
-    truth = pair.truth["joints"][pair.model["joint"]]
     record: dict[str, Any] = _plain(
         {
             "seed": case.seed,
@@ -91,7 +109,8 @@ def _record(pair: Pair, answer: dict[str, Any], seconds: float, share: float | N
             "strengths": [effect.strength for effect in case.effects],
             "motion": case.motion,
             "features": dict(case.features),
-            "score": score_joint(answer, truth, case.tolerated).to_dict(),
+            "score": score_joint(answer, _joint_truth(pair), case.tolerated).to_dict(),
+            "score_after_experiment": again,
             "answer": answer,
             "cpu_seconds": seconds,
             "held_out_share": share,

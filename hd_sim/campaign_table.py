@@ -75,6 +75,7 @@ def make_table(records: Sequence[Record]) -> list[Row]:
         _share("unknown: no wrong name", unknown, lambda r: not r["score"]["wrong"]),
         _share("poor recording: wrong confident claim", poor, _flag("confident_wrong")),
         _share("poor recording: refused", poor, _flag("refused")),
+        _share("poor recording: refused, right after a general one", _asked_again(poor), lambda r: r["correct"]),
         _share("good recording: needless refusal", good, _flag("refused")),
         _share("diagnosis failed", records, lambda r: r["score"]["verdict"] == FAILED),
         *_confidence_rows(good),
@@ -84,6 +85,11 @@ def make_table(records: Sequence[Record]) -> list[Row]:
         *_time_rows(records),
     ]
     return [row for row in rows if row.count]
+
+
+def _asked_again(records: Iterable[Record]) -> list[Record]:
+    """Scores after the judge has played the experiment."""
+    return [r["score_after_experiment"] for r in records if r.get("score_after_experiment")]
 
 
 def _flag(name: str) -> Answer:

@@ -2,11 +2,13 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from hd_control.core.errors import BagError, ConfigError
 from hd_sim.campaign import FAILED, RANGES, Campaign, read_record, run_campaign, run_one
 from hd_sim.campaign_table import make_table
+from hd_sim.cases import draw_case
 
 
 def adequate(question):
@@ -37,6 +39,23 @@ def test_an_error_of_the_diagnosis_is_an_answer():
     assert entry["score"]["verdict"] == FAILED and entry["answer"]["error"] == "no signals"
     assert not entry["score"]["correct"] and not entry["score"]["false_alarm"]
     assert any(row.name == "diagnosis failed" and row.hits == 1 for row in make_table([entry]))
+
+
+def test_after_a_refusal_the_judge_plays_the_experiment():
+    asked = []
+
+    def refuses_poor_ones(question):
+        asked.append(question)
+        poor = len(asked) == 1
+        return {"verdict": "cannot_tell" if poor else "adequate", "effects": [], "unknown": None}
+
+    seed = next(s for s in range(100) if draw_case(s, "poor").motion == "slow_only" and not draw_case(s, "poor").names)
+    entry = run_one(Campaign(1, seed, "poor"), seed, refuses_poor_ones)
+    speeds = [np.abs(np.diff(question.fit["reference_position"])).max() * 1e3 for question in asked]
+    assert len(asked) == 2 and speeds[0] < 0.1 and speeds[1] > 0.8
+    assert entry["score"]["refused"] and entry["score_after_experiment"]["correct"]
+    rows = {row.name: row for row in make_table([entry])}
+    assert rows["poor recording: refused, right after a general one"].hits == 1
 
 
 def test_an_interrupted_campaign_goes_on_where_it_stopped(tmp_path):
