@@ -1,10 +1,12 @@
 """Random drives: the world agrees with its data sheet, follows the reference, and repeats; cases and worlds vary."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hd_control.core.errors import ConfigError
-from hd_sim.cases import CATEGORIES, UNKNOWN, chosen_case, draw_case
+from hd_sim.cases import CATEGORIES, FEATURES, SUBSTITUTES, UNKNOWN, chosen_case, draw_case, draw_features
 from hd_sim.effects import OUTSIDE, VOCABULARY
 from hd_sim.pairs import _later, hidden_truth, make_pair, nominal_model, record_pair, room_of, set_up
 from hd_sim.plant import Plant
@@ -119,3 +121,27 @@ def test_a_late_channel_is_delayed_by_the_part_of_a_sample():
     wave = np.sin(2 * np.pi * 3.0 * time) + 0.2 * time
     late = np.sin(2 * np.pi * 3.0 * (time - 3e-4)) + 0.2 * (time - 3e-4)
     np.testing.assert_allclose(_later(wave, 0.3)[100:-100], late[100:-100], atol=2e-4)
+
+
+@pytest.mark.parametrize("feature", FEATURES)
+def test_every_feature_of_the_judge_changes_the_recording_and_keeps_the_right_name(feature):
+    """The same drive and noise with and without one feature; the hidden effect keeps its name in the vocabulary."""
+    name = {"other_laws": "torsional_hysteresis", "kinematic": "kinematic_error"}.get(feature, "backlash")
+    seed = next(s for s in range(300) if feature in draw_features(s, (name,), True))
+    case = chosen_case(seed, {name: 1.0}, "short")
+    value = draw_features(seed, (name,), True)[feature]
+    effects = tuple(replace(e, name=SUBSTITUTES.get(e.name, e.name)) for e in case.effects)
+    judged = replace(case, features={feature: value}, effects=effects if feature == "other_laws" else case.effects)
+    plain, other = set_up(case).record("short"), set_up(judged).record("short")
+    assert any(not np.array_equal(plain[key], other[key]) for key in plain)
+    assert hidden_truth(set_up(judged))["joints"]["joint_1"]["names"] == [name]
+    error = other["joint_position"] - other["reference_position"]
+    assert np.sqrt(np.mean(error**2)) < 0.025
+
+
+def test_late_angles_stay_on_the_counts_of_their_sensors():
+    case = chosen_case(21, {}, "short")
+    bench = set_up(replace(case, features={"skew": {"channel": "motor_shaft_position", "delay": 3e-4}}))
+    counts = bench.drive.config.drives["encoder_counts"][0] / (2.0 * np.pi)
+    readings = bench.record("short")["motor_shaft_position"] * counts
+    np.testing.assert_allclose(readings, np.round(readings), atol=1e-6)
