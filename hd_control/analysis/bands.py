@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 PADDING_S = 2.4
-STEPS = (1, 2, 3, 4, 6, 8, 12, 24)
+STEPS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 24, 30)
 EDGE_S = 0.5
 """s cut at both ends of a recording: there the filters have seen the reflection."""
 
@@ -50,7 +50,7 @@ def band_for(period: float, flat: float, zero: float) -> Band:
 class Spectral:
     """Filters for signals of `samples` samples, `period` s apart; every `Band.step` must divide `multiple`."""
 
-    def __init__(self, samples: int, period: float, multiple: int = 24) -> None:
+    def __init__(self, samples: int, period: float, multiple: int = 120) -> None:
         from scipy.fft import next_fast_len
 
         self.samples, self.period = samples, period

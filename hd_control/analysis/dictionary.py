@@ -24,6 +24,7 @@ RIDGE_LIBRARY = 1e-9
 RIDGE_CURVE = 3e-3
 """On columns of unit norm. Knots that a training fold never visits otherwise ruin the held-out score."""
 RIDGE_NOISE = 1e-7
+LARGEST_NOISE_RATIO = 2.0
 
 
 @dataclass(frozen=True)
@@ -269,14 +270,28 @@ def _normed(raw: Dictionary) -> Dictionary:
 
 
 def _noise(channel: Channel, raw: FloatArray) -> Noise:
-    """Noise from the residual of everything at once: what no column explains."""
+    """Noise from the residual of everything at once: what no column explains.
+
+    A rich fit leaves too little in its own rows and too much in rows that it has not seen, by the same factor to first
+    order; the noise is taken between the two.
+    """
     x, y = raw[channel.valid], channel.left[channel.valid]
     scale = np.sqrt((x**2).sum(axis=0))
     scale[scale == 0.0] = 1.0
-    gram = (x / scale).T @ (x / scale)
-    gram[np.diag_indices_from(gram)] += RIDGE_NOISE
-    coefficients = np.linalg.solve(gram, (x / scale).T @ y) / scale
-    return fit_noise(channel.left - raw @ coefficients, channel.valid)
+    x = x / scale
+    _, fold = Blocks().of(channel.time[channel.valid])
+    grams = [x[fold == f].T @ x[fold == f] for f in range(-1, Blocks().folds)]
+    rights = [x[fold == f].T @ y[fold == f] for f in range(-1, Blocks().folds)]
+    ridge = RIDGE_NOISE * np.eye(scale.size)
+    gram, right = sum(grams) + ridge, sum(rights)
+    unseen = np.zeros(y.size)
+    for f in range(Blocks().folds):
+        unseen[fold == f] = y[fold == f] - x[fold == f] @ np.linalg.solve(gram - grams[f + 1], right - rights[f + 1])
+    seen = y - x @ np.linalg.solve(gram, right)
+    inside = fold >= 0
+    ratio = np.median(np.abs(unseen[inside])) / max(float(np.median(np.abs(seen[inside]))), 1e-300)
+    residual = channel.left - raw @ (np.linalg.solve(gram, right) / scale)
+    return fit_noise(residual, channel.valid).divided(1.0 / np.sqrt(np.clip(ratio, 1.0, LARGEST_NOISE_RATIO)))
 
 
 def _rows(channel: Channel, noise: Noise, raw: FloatArray, index: IntArray) -> Rows:

@@ -22,8 +22,14 @@ from hd_control.analysis.joint_states import BoolArray, Derived, derive, drive_s
 from hd_control.analysis.signals import JointSignals
 from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, DriveStates
 
-BANDS = {MOTOR: (38.0, 60.0), TRANSMISSION: (80.0, 122.0), LINK: (30.0, 40.0)}
-"""Hz, flat and zero. Motor: feedback noise of the encoder returns through the controller into u above it."""
+BANDS = {TRANSMISSION: (80.0, 122.0), LINK: (30.0, 40.0)}
+"""Hz, flat and zero."""
+MOTOR_BANDS = ((38.0, 60.0), (30.0, 48.5), (25.0, 40.5), (20.0, 32.5), (15.0, 24.3))
+"""Hz. The first in which the acceleration stands out of its noise: encoder noise returns through the controller into u,
+so that a noisy band shows delays that are not there."""
+MOTOR_SNR = 200.0
+TOP_SNR = 1.0
+"""The same in the upper third of the band alone."""
 MASK_MARGIN_S = 0.02
 ACCELERATION_SNR = 10.0
 """Power ratio of acceleration to its noise from which on the acceleration may stand alone on the left."""
@@ -176,9 +182,14 @@ class _Builder:
             return None
         if s.motor_shaft_position is None and "gauge_torque" not in self.substituted:
             return None
-        band, sp = band_for(s.period, *BANDS[MOTOR]), self.spectral
+        sp, sliding = self.spectral, self.derived.usable & self.derived.sliding
+        for taper in MOTOR_BANDS:
+            band = band_for(s.period, *taper)
+            acceleration, valid = sp.filter(filled["motor_position"], band, 2), self._valid(band, sliding)
+            snr = self._snr(filled["motor_position"], band, acceleration, valid)
+            if snr >= MOTOR_SNR and self._top_snr(filled["motor_position"], band, acceleration, valid) >= TOP_SNR:
+                break
         held = sp.filter(filled["motor_torque"], band, 0, sp.hold(self.known.command_delay))
-        acceleration = sp.filter(filled["motor_position"], band, 2)
         if "gauge_torque" in self.substituted:
             assert self.terms is not None
             left = -self.known.rotor_inertia * acceleration - sp.filter(self.states.link_inertia_torque, band)
@@ -193,8 +204,6 @@ class _Builder:
         ]
         if "gauge_torque" in filled:
             friction.append(Base("torque_delay", -sp.filter(filled["gauge_torque"], band, 1), SIGNAL_DELAY_PRIOR))
-        valid = self._valid(band, self.derived.usable & self.derived.sliding)
-        snr = self._snr(filled["motor_position"], band, acceleration, valid)
         prior = self.known.rotor_inertia_prior
         return self._channel(MOTOR, band, valid, left, drive, friction, prior, snr)
 
@@ -278,6 +287,17 @@ class _Builder:
         index = np.arange(0, usable.size, band.step)
         low, high = np.maximum(index - margin, 0), np.minimum(index + margin + 1, usable.size)
         return np.asarray(bad[high] == bad[low])
+
+    def _top_snr(self, position: FloatArray, band: Band, acceleration: FloatArray, valid: BoolArray) -> float:
+        """As `_snr`, of the upper third of the flat band."""
+        lower = Band(0.55 * band.flat, 0.67 * band.flat, band.step)
+        slow = self.spectral.filter(position, lower, 2)
+        f = np.linspace(0.0, band.zero, 400)
+        gain = band.gain(f) ** 2 - lower.gain(f) ** 2
+        sigma = noise_density(position, self.signals.period)
+        power = 2.0 * self.signals.period * sigma**2 * np.trapezoid((2 * np.pi * f) ** 4 * gain, f)
+        total = float(np.mean((acceleration - slow)[valid] ** 2)) if valid.any() else 0.0
+        return max(0.0, total / power - 1.0) if power > 0.0 else np.inf
 
     def _snr(self, position: FloatArray, band: Band, acceleration: FloatArray, valid: BoolArray) -> float:
         """Power of the acceleration over the power that white position noise has in it."""

@@ -13,7 +13,7 @@ from hd_control.analysis.fit import Fit
 from hd_control.drive.effect import MOTOR
 
 BURST_BLOCK_S = 0.33
-BURST_Z = 7.0
+BURST_Z = 9.0
 BURSTS_LEAST = 2
 
 
