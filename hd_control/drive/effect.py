@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 Shape = Mapping[str, Any]
 """Values of the parameters in which an effect is not linear, by name; and choices of form."""
 Columns = dict[str, FloatArray]
@@ -43,7 +44,7 @@ class DriveStates:
     `link_inertia_torque` M q'' and `link_bias_torque` (gravity, Coriolis) are the nominal link dynamics of the joint.
     `link_regressor` (n, 10) and `tool_regressor` (n, 10): torque at this joint per inertial parameter (mass, first
     moments, inertia about the joint frame's origin) of a body carried by the own link and by the last link; None
-    without a robot description.
+    without a robot description. `torsional_compliance` 1/k rad/(N m) as the model states it, 0 if it does not.
     """
 
     period: float
@@ -66,6 +67,7 @@ class DriveStates:
     link_bias_torque: FloatArray
     link_regressor: FloatArray | None = None
     tool_regressor: FloatArray | None = None
+    torsional_compliance: float = 0.0
 
     @property
     def motor_shaft_position(self) -> FloatArray:
@@ -165,6 +167,11 @@ class Effect(ABC):
     def memory(cls, shape: Shape, runs: int) -> FloatArray:
         """Initial memory (m, runs) of a prediction; (0, runs) for an effect without memory."""
         return np.zeros((0, runs))
+
+    @classmethod
+    def memory_along(cls, states: DriveStates, shape: Shape, rows: IntArray) -> FloatArray:
+        """Memory (m, runs) of predictions that start at these rows of a recording: what lies before is replayed."""
+        return cls.memory(shape, rows.size)
 
     @classmethod
     def advance(cls, states: DriveStates, shape: Shape, memory: FloatArray) -> tuple[Columns, FloatArray]:

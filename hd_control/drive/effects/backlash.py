@@ -1,0 +1,62 @@
+"""Backlash: a gap that the gear crosses without torque.
+
+    delta = tau / k + h sgn(tau)        h half gap, rad; smoothed by tanh(tau / tau_0) within the resolution of the data
+
+Source: equation sheet 1.1 with a dead zone. Valid away from impacts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hd_control.drive.effect import (
+    TRANSMISSION,
+    Columns,
+    Confusion,
+    DriveStates,
+    Effect,
+    EffectParameter,
+    Shape,
+)
+
+
+class Backlash(Effect):
+    """The torsion jumps by the gap when the torque changes its sign."""
+
+    name = "backlash"
+    title = "backlash"
+    evidence = "jumps with the sign of the joint torque and is flat elsewhere"
+    parameters = (
+        EffectParameter("half_gap", "rad", "half of the gap, at the joint", low=0.0),
+        EffectParameter(
+            "crossing_torque", "N m", "torque over which the sign change is smeared", low=0.0, linear=False
+        ),
+    )
+    confusions = (
+        Confusion(
+            "nonlinear_stiffness",
+            "output locked, slow torque ramps through zero, three amplitudes: a flat part at zero torque is backlash",
+        ),
+        Confusion(
+            "torsional_hysteresis",
+            "output locked, slow torque ramps through zero: a loop that grows with amplitude is hysteresis",
+        ),
+    )
+
+    @classmethod
+    def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:
+        return ("half_gap",)
+
+    @classmethod
+    def shapes(cls, states: DriveStates) -> Sequence[Shape]:
+        return tuple({"crossing_torque": share * states.torque_scale} for share in (0.006, 0.012, 0.02, 0.03, 0.042))
+
+    @classmethod
+    def shape_bounds(cls, shape: Shape, states: DriveStates) -> dict[str, tuple[float, float]]:
+        return {"crossing_torque": (1e-3 * states.torque_scale, 0.045 * states.torque_scale)}
+
+    @classmethod
+    def columns(cls, states: DriveStates, shape: Shape) -> Columns:
+        return {TRANSMISSION: -np.tanh(states.joint_torque / float(shape["crossing_torque"]))[:, None]}

@@ -1,0 +1,28 @@
+"""Coulomb friction of motor, bearings and teeth.
+
+    torque on the rotor = k_c sgn(phi')        k_c N m, output side; any value in [-k_c, k_c] at rest
+
+Source: Zhu (3) without load, equation sheet 1.2. Valid outside presliding.
+"""
+
+from __future__ import annotations
+
+from hd_control.drive.effect import MOTOR, Columns, DriveStates, Effect, EffectParameter, Shape
+
+
+class CoulombFriction(Effect):
+    """k_c sgn(phi') resists the rotor."""
+
+    name = "coulomb_friction"
+    title = "Coulomb friction"
+    evidence = "changes its sign with the direction and nothing else"
+    parameters = (EffectParameter("coulomb_torque", "N m", "Coulomb friction, output side", low=0.0),)
+    in_every_model = True
+
+    @classmethod
+    def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:
+        return ("coulomb_torque",)
+
+    @classmethod
+    def columns(cls, states: DriveStates, shape: Shape) -> Columns:
+        return {MOTOR: states.motor_direction[:, None]}

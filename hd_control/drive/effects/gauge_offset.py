@@ -1,0 +1,36 @@
+"""Zero error of the torque gauge.
+
+    tau_s = tau + o        o N m; seen by rotor and link balance with opposite signs
+
+Source: equation sheet 1.6, method sheet 4. In the transmission it hides in the assembly zero.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hd_control.drive.effect import LINK, MOTOR, Columns, Confusion, DriveStates, Effect, EffectParameter, Shape
+
+
+class GaugeOffset(Effect):
+    """A constant that the bridge adds to the torque."""
+
+    name = "gauge_offset"
+    title = "zero error of the torque gauge"
+    evidence = "is constant and stands in the rotor and the link balance with opposite signs"
+    parameters = (EffectParameter("gauge_offset", "N m", "indicated minus true torque"),)
+    confusions = (
+        Confusion(
+            "asymmetric_friction", "more than 90 degrees of joint angle, two mounting orientations, or an unloaded run"
+        ),
+        Confusion("payload", "more than 90 degrees of joint angle: gravity follows the angle, an offset does not"),
+    )
+
+    @classmethod
+    def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:
+        return ("gauge_offset",)
+
+    @classmethod
+    def columns(cls, states: DriveStates, shape: Shape) -> Columns:
+        one = np.ones((states.gauge_torque.size, 1))
+        return {MOTOR: -one, LINK: one}

@@ -1,0 +1,89 @@
+"""Ripple of the torque gauge: the wave generator strains the gauges as it turns.
+
+    tau_s = tau + sum_n c_n cos(n beta) + s_n sin(n beta)        c_n, s_n N m
+    beta = theta + turn q        theta rotor angle, q joint angle, rad
+
+turn = 0 where the flexspline is fixed to the casing, -1 or +1 where it turns with the joint (by mounting). n = 2 is
+left by a misaligned second gauge pair, n = 4 is not cancelled by any pair at 90 degrees.
+Source: equation sheet 1.6, H(9)-(13). Valid for a ripple that does not depend on load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from hd_control.drive.effect import (
+    LINK,
+    MOTOR,
+    TRANSMISSION,
+    Columns,
+    Confusion,
+    Context,
+    DriveStates,
+    Effect,
+    EffectParameter,
+    FloatArray,
+    Shape,
+)
+from hd_control.drive.shapes import harmonic_names, harmonics
+
+ORDERS = (2, 4)
+
+
+class GaugeRipple(Effect):
+    """A periodic error of the indicated torque."""
+
+    name = "gauge_ripple"
+    title = "ripple of the torque gauge"
+    evidence = "repeats with the turn of the wave generator in the rotor and the link balance with opposite signs"
+    parameters = (
+        *(
+            EffectParameter(f"{part}_{n}", "N m", f"{part} of order {n} of the gauge angle", default=0.0)
+            for n in ORDERS
+            for part in ("cosine", "sine")
+        ),
+        EffectParameter(
+            "joint_turn", "-", "-1, 0 or 1: how the gauge turns with the joint", -1.0, 1.0, linear=False, default=0.0
+        ),
+    )
+    confusions = (
+        Confusion(
+            "motor_cogging",
+            "slow run with the link channel (order below 40 Hz), or unpowered back-driving: gauge ripple stays",
+        ),
+        Confusion(
+            "kinematic_error", "slow run at several loads: kinematic torque grows with the load, ripple does not"
+        ),
+    )
+
+    @classmethod
+    def shapes(cls, states: DriveStates) -> Sequence[Shape]:
+        forms = [((2,), 0), ((2,), -1), ((2,), 1), ((4,), 0), (ORDERS, 0), (ORDERS, -1), (ORDERS, 1)]
+        turned = bool(np.isfinite(states.joint_position).any())
+        return tuple({"orders": orders, "joint_turn": turn} for orders, turn in forms if turned or turn == 0)
+
+    @classmethod
+    def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:
+        return harmonic_names(shape["orders"])
+
+    @classmethod
+    def columns(cls, states: DriveStates, shape: Shape) -> Columns:
+        turn, angle = float(shape["joint_turn"]), states.motor_shaft_position
+        waves = harmonics(angle + turn * states.joint_position if turn else angle, shape["orders"])
+        columns = {MOTOR: -waves, LINK: waves}
+        if states.torsional_compliance > 0.0:  # the torsion that the indicated torque would mean is not there
+            columns[TRANSMISSION] = states.torsional_compliance * waves
+        return columns
+
+    @classmethod
+    def split(cls, values: Mapping[str, float], context: Context) -> tuple[Shape, FloatArray]:
+        orders = tuple(n for n in ORDERS if f"cosine_{n}" in values or f"sine_{n}" in values) or (2,)
+        shape = {"orders": orders, "joint_turn": values.get("joint_turn", 0.0)}
+        return shape, np.array([values.get(name, 0.0) for name in harmonic_names(orders)])
+
+    @classmethod
+    def join(cls, shape: Shape, coefficients: FloatArray, context: Context) -> dict[str, float]:
+        named = dict(zip(cls.coefficient_names(shape), coefficients.tolist(), strict=True))
+        return named | {"joint_turn": float(shape["joint_turn"])}

@@ -1,0 +1,73 @@
+"""Presliding: after a reversal friction builds up over a small travel instead of at once.
+
+    torque on the rotor = k (H(phi) - sgn phi'),    dH = a |dphi| (sgn dphi - H)        k N m, 1/a travel, rad
+
+Source: equation sheet 1.2 (bristle law) without its damping. Visible in the first millirad after reversals only; with
+k equal to the Coulomb torque, H takes the place of the sign.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hd_control.drive.effect import (
+    MOTOR,
+    Columns,
+    Confusion,
+    DriveStates,
+    Effect,
+    EffectParameter,
+    FloatArray,
+    IntArray,
+    Shape,
+)
+from hd_control.drive.shapes import approach, approach_step
+
+
+class Presliding(Effect):
+    """Friction is missing right after a reversal and returns with travel."""
+
+    name = "presliding"
+    title = "presliding"
+    evidence = "appears only in the first millirad of travel after each reversal"
+    parameters = (
+        EffectParameter("presliding_distance", "rad", "travel over which friction builds up", low=0.0, linear=False),
+        EffectParameter("presliding_torque", "N m", "friction that builds up"),
+    )
+    confusions = (Confusion("stribeck_friction", "reversals of 0.1 to 3 mrad amplitude at less than 10 mrad/s"),)
+
+    @classmethod
+    def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:
+        return ("presliding_torque",)
+
+    @classmethod
+    def shapes(cls, states: DriveStates) -> Sequence[Shape]:
+        return tuple({"presliding_distance": 1e-3 * d} for d in (0.05, 0.1, 0.2, 0.4, 0.8, 1.5))
+
+    @classmethod
+    def shape_bounds(cls, shape: Shape, states: DriveStates) -> dict[str, tuple[float, float]]:
+        return {"presliding_distance": (2e-5, 3e-3)}
+
+    @classmethod
+    def columns(cls, states: DriveStates, shape: Shape) -> Columns:
+        distance = float(shape["presliding_distance"])
+        level = approach(states.motor_position, 1.0 / distance, 0.1 * distance)
+        return {MOTOR: (level - states.motor_direction)[:, None]}
+
+    @classmethod
+    def memory(cls, shape: Shape, runs: int) -> FloatArray:
+        return np.full((2, runs), np.nan)
+
+    @classmethod
+    def memory_along(cls, states: DriveStates, shape: Shape, rows: IntArray) -> FloatArray:
+        distance = float(shape["presliding_distance"])
+        level = approach(states.motor_position, 1.0 / distance, 0.1 * distance)
+        return np.stack([level[rows], states.motor_position[rows]])
+
+    @classmethod
+    def advance(cls, states: DriveStates, shape: Shape, memory: FloatArray) -> tuple[Columns, FloatArray]:
+        change = np.where(np.isnan(memory[1]), 0.0, states.motor_position - memory[1])
+        level = approach_step(np.nan_to_num(memory[0]), change, 1.0 / float(shape["presliding_distance"]))
+        return {MOTOR: (level - states.motor_direction)[:, None]}, np.stack([level, states.motor_position])

@@ -1,0 +1,69 @@
+"""Friction that changes with temperature (viscosity of the grease).
+
+    torque on the rotor = e_v (T - T0) phi' + e_c (T - T0) sgn(phi')        e_v N m s/K, e_c N m/K, T0 degC
+
+T0 is the mean of the first recording. Source: method sheet 4. Valid for a motor temperature that stands for the
+grease's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from hd_control.drive.effect import (
+    MOTOR,
+    Columns,
+    Confusion,
+    Context,
+    DriveStates,
+    Effect,
+    EffectParameter,
+    FloatArray,
+    Shape,
+)
+
+
+class TemperatureFriction(Effect):
+    """Viscous (and Coulomb) friction proportional to temperature."""
+
+    name = "temperature_friction"
+    title = "temperature-dependent friction"
+    evidence = "follows the motor temperature, in proportion to speed or direction"
+    parameters = (
+        EffectParameter("viscous_slope", "N m s/K", "change of viscous friction per kelvin"),
+        EffectParameter("coulomb_slope", "N m/K", "change of Coulomb friction per kelvin", default=0.0),
+        EffectParameter("reference_temperature", "degC", "temperature without change", linear=False),
+    )
+    confusions = (
+        Confusion("viscous_friction", "warm-up and cool-down in one recording, so that temperature is not time"),
+        Confusion("coulomb_friction", "warm-up and cool-down in one recording, so that temperature is not time"),
+    )
+
+    @classmethod
+    def shapes(cls, states: DriveStates) -> Sequence[Shape]:
+        known = states.temperature[np.isfinite(states.temperature)]
+        mean = float(known.mean()) if known.size else 25.0
+        return tuple({"coulomb": coulomb, "reference_temperature": mean} for coulomb in (False, True))
+
+    @classmethod
+    def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:
+        return ("viscous_slope", "coulomb_slope")[: 2 if shape["coulomb"] else 1]
+
+    @classmethod
+    def columns(cls, states: DriveStates, shape: Shape) -> Columns:
+        warm = states.temperature - float(shape["reference_temperature"])
+        both = np.stack([warm * states.motor_velocity, warm * states.motor_direction], axis=1)
+        return {MOTOR: both[:, : 2 if shape["coulomb"] else 1]}
+
+    @classmethod
+    def split(cls, values: Mapping[str, float], context: Context) -> tuple[Shape, FloatArray]:
+        slopes = [values.get("viscous_slope", 0.0), values.get("coulomb_slope", 0.0)]
+        shape = {"coulomb": slopes[1] != 0.0, "reference_temperature": values["reference_temperature"]}
+        return shape, np.array(slopes[: 2 if shape["coulomb"] else 1])
+
+    @classmethod
+    def join(cls, shape: Shape, coefficients: FloatArray, context: Context) -> dict[str, float]:
+        named = dict(zip(cls.coefficient_names(shape), coefficients.tolist(), strict=True))
+        return named | {"reference_temperature": float(shape["reference_temperature"])}

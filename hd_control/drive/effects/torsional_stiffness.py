@@ -1,0 +1,61 @@
+"""Linear spring and damper of the flexspline, and the assembly zero of the joint sensor.
+
+    q = phi - tau / k + (d / k) tau' + c0        k N m/rad, d s, c0 rad; tau N m joint torque
+
+Source: Zhu (1), equation sheet 1.1 (k_f, d), to first order in d. Valid for torsion without lost motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from hd_control.drive.effect import (
+    TRANSMISSION,
+    Columns,
+    Context,
+    DriveStates,
+    Effect,
+    EffectParameter,
+    FloatArray,
+    Shape,
+)
+
+
+class TorsionalStiffness(Effect):
+    """The joint lags behind the motor in proportion to torque."""
+
+    name = "torsional_stiffness"
+    title = "torsional stiffness and damping"
+    evidence = "grows in proportion to the joint torque and its rate"
+    parameters = (
+        EffectParameter("torsional_stiffness", "N m/rad", "linear stiffness", low=0.0),
+        EffectParameter("damping_time", "s", "damping / stiffness", low=0.0, default=0.0),
+        EffectParameter("transmission_zero", "rad", "joint angle - motor angle without torque", default=0.0),
+    )
+    in_every_model = True
+
+    @classmethod
+    def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:
+        return ("compliance", "damping_compliance", "transmission_zero")
+
+    @classmethod
+    def columns(cls, states: DriveStates, shape: Shape) -> Columns:
+        tau, rate = states.joint_torque, states.joint_torque_rate
+        return {TRANSMISSION: np.stack([-tau, rate, np.ones_like(tau)], axis=1)}
+
+    @classmethod
+    def split(cls, values: Mapping[str, float], context: Context) -> tuple[Shape, FloatArray]:
+        compliance = 1.0 / values["torsional_stiffness"]
+        damping = values.get("damping_time", 0.0) * compliance
+        return {}, np.array([compliance, damping, values.get("transmission_zero", 0.0)])
+
+    @classmethod
+    def join(cls, shape: Shape, coefficients: FloatArray, context: Context) -> dict[str, float]:
+        compliance, damping, zero = (float(c) for c in coefficients)
+        return {
+            "torsional_stiffness": 1.0 / compliance,
+            "damping_time": damping / compliance,
+            "transmission_zero": zero,
+        }

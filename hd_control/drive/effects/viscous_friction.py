@@ -1,0 +1,28 @@
+"""Viscous friction, the same in both directions.
+
+    torque on the rotor = k_v phi'        k_v N m s, output side
+
+Source: Zhu (4), equation sheet 1.2.
+"""
+
+from __future__ import annotations
+
+from hd_control.drive.effect import MOTOR, Columns, DriveStates, Effect, EffectParameter, Shape
+
+
+class ViscousFriction(Effect):
+    """k_v phi' resists the rotor."""
+
+    name = "viscous_friction"
+    title = "viscous friction"
+    evidence = "grows in proportion to the motor speed"
+    parameters = (EffectParameter("viscous", "N m s", "viscous friction, output side", low=0.0),)
+    in_every_model = True
+
+    @classmethod
+    def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:
+        return ("viscous",)
+
+    @classmethod
+    def columns(cls, states: DriveStates, shape: Shape) -> Columns:
+        return {MOTOR: states.motor_velocity[:, None]}
