@@ -37,7 +37,7 @@ class KinematicError(Effect):
     title = "kinematic error of the gear"
     evidence = "repeats with every turn of the wave generator, in both directions alike"
     parameters = tuple(
-        EffectParameter(f"{part}_{n}", "rad", f"{part} of order {n} per rotor turn, at the output")
+        EffectParameter(f"{part}_{n}", "rad", f"{part} of order {n} per rotor turn, at the output", default=0.0)
         for n in ORDERS
         for part in ("cosine", "sine")
     )

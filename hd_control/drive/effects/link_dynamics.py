@@ -23,9 +23,13 @@ class LinkDynamics(Effect):
     evidence = "follows the rigid-body torque"
     parameters = (
         EffectParameter("inertia_scale", "-", "true over nominal link inertia", low=0.0, default=1.0),
-        EffectParameter("inertia", "kg m^2", "inertia of a single joint's link", low=0.0, linear=False),
-        EffectParameter("gravity_cosine", "N m", "gravity torque of a single joint at q = 0", linear=False),
-        EffectParameter("gravity_sine", "N m", "gravity torque of a single joint at q = 90 degrees", linear=False),
+        EffectParameter("inertia", "kg m^2", "inertia of a single joint's link", low=0.0, linear=False, default=0.0),
+        EffectParameter(
+            "gravity_cosine", "N m", "gravity torque of a single joint at q = 0", linear=False, default=0.0
+        ),
+        EffectParameter(
+            "gravity_sine", "N m", "gravity torque of a single joint at q = 90 degrees", linear=False, default=0.0
+        ),
     )
     in_every_model = True
 

@@ -1,0 +1,173 @@
+"""Nominal link dynamics of one joint: M q'' and gravity with Coriolis torque, and what an added body would add.
+
+    tau_j = (M(q) q'')_j + b_j(q, q'),    added body: tau_j = Y_j(q, q', q'') p        (equation sheet 1.1, Zhu (28))
+
+Frames are those of `Robot`: the z axis of a link's frame is its joint's axis. All samples at once; linear in q''.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hd_control.core.errors import ConfigError
+from hd_control.core.robot import Robot
+from hd_control.drive.effect import FloatArray
+from hd_control.drive.model import JointModel, Model
+
+GRAVITY = 9.81
+"""m/s^2, along -z of the base."""
+
+LinkTerms = tuple[FloatArray, FloatArray, FloatArray | None, FloatArray | None]
+
+
+def link_terms(
+    model: Model,
+    joint: str,
+    positions: FloatArray,
+    velocities: FloatArray,
+    accelerations: FloatArray,
+    robot: Robot | None = None,
+) -> LinkTerms:
+    """(M q'')_j and b_j (n,) N m, regressors (n, 10) of a body fixed to the own and to the last link (or None).
+
+    positions, velocities, accelerations: (n, J) of all joints of the robot in its order, or (n,) of the joint alone,
+    SI; an alone joint of an arm is refused. `robot` takes the place of the model's. Raises ConfigError or RobotError.
+    """
+    description = robot if robot is not None else model.robot_description()
+    q, v, a = (np.asarray(x, dtype=float) for x in (positions, velocities, accelerations))
+    q, v, a = (x[:, None] if x.ndim == 1 else x for x in (q, v, a))
+    if description is None:
+        alone = q.shape[1] == 1
+        j = 0 if alone else list(model.joints).index(joint)
+        return _single(model.joint(joint), q[:, j], a[:, j])
+    if q.shape[1] != description.joints:
+        raise ConfigError(
+            f"link dynamics of {joint}: {description.name} has {description.joints} joints, "
+            f"the motion of {q.shape[1]} is known"
+        )
+    j = description.indices([joint])[0]
+    scale = model.joint(joint).number("link_dynamics", "inertia_scale", 1.0) if joint in model.joints else 1.0
+    inertia = torques(description, q, np.zeros_like(v), a, 0.0)[:, j]
+    bias = torques(description, q, v, np.zeros_like(a), GRAVITY)[:, j]
+    motion = link_motion(description, q, v, a, GRAVITY)
+    last = description.joints - 1
+    return (
+        scale * inertia,
+        bias,
+        body_regressor(description, motion, j, j),
+        body_regressor(description, motion, j, last),
+    )
+
+
+def _single(joint: JointModel, q: FloatArray, a: FloatArray) -> LinkTerms:
+    """A single joint without a description: inertia and gravity from its `link_dynamics`."""
+    numbers = joint.numbers("link_dynamics")
+    inertia = numbers.get("inertia", 0.0) * numbers.get("inertia_scale", 1.0)
+    if inertia <= 0.0:
+        raise ConfigError("link_dynamics: the model has neither a robot description nor an inertia; give one of them")
+    gravity = numbers.get("gravity_cosine", 0.0) * np.cos(q) + numbers.get("gravity_sine", 0.0) * np.sin(q)
+    return inertia * a, gravity, None, None
+
+
+@dataclass(frozen=True)
+class LinkMotion:
+    """Motion of every link in its own frame: rotation[j] (n, 3, 3) to the frame before; rate, angular acceleration and
+    acceleration of the origin (gravity included), each a list of (n, 3)."""
+
+    rotation: list[FloatArray]
+    rate: list[FloatArray]
+    angular: list[FloatArray]
+    linear: list[FloatArray]
+
+
+def link_motion(robot: Robot, q: FloatArray, v: FloatArray, a: FloatArray, gravity: float) -> LinkMotion:
+    """Outward recursion of Newton and Euler for all samples (n, J) at once."""
+    n = len(q)
+    motion = LinkMotion([], [], [], [])
+    rate, angular = np.zeros((n, 3)), np.zeros((n, 3))
+    linear = np.tile([0.0, 0.0, gravity], (n, 1))
+    for j in range(robot.joints):
+        origin = np.broadcast_to(robot.origin[j], (n, 3))
+        linear = linear + _cross(angular, origin) + _cross(rate, _cross(rate, origin))
+        rotation = _turned(robot.rotation[j], q[:, j])
+        rate, angular, linear = (_into(rotation, x) for x in (rate, angular, linear))
+        spin = np.zeros((n, 3))
+        spin[:, 2] = v[:, j]
+        angular = angular + _cross(rate, spin)
+        angular[:, 2] += a[:, j]
+        rate = rate + spin
+        for store, value in zip((motion.rotation, motion.rate, motion.angular, motion.linear),
+                                (rotation, rate, angular, linear), strict=True):  # fmt: skip
+            store.append(value)
+    return motion
+
+
+def torques(robot: Robot, q: FloatArray, v: FloatArray, a: FloatArray, gravity: float) -> FloatArray:
+    """Joint torques (n, J) of the rigid arm: inverse dynamics by Newton and Euler."""
+    motion = link_motion(robot, q, v, a, gravity)
+    force, moment = np.zeros((len(q), 3)), np.zeros((len(q), 3))
+    found = np.empty(q.shape)
+    for j in reversed(range(robot.joints)):
+        rate, angular, linear = motion.rate[j], motion.angular[j], motion.linear[j]
+        center = np.broadcast_to(robot.center_of_mass[j], rate.shape)
+        pull = robot.mass[j] * (linear + _cross(angular, center) + _cross(rate, _cross(rate, center)))
+        turn = angular @ robot.inertia[j] + _cross(rate, rate @ robot.inertia[j]) + _cross(center, pull)
+        if j + 1 < robot.joints:
+            force, moment = (_out(motion.rotation[j + 1], x) for x in (force, moment))
+            moment = moment + _cross(np.broadcast_to(robot.origin[j + 1], force.shape), force)
+        force, moment = force + pull, moment + turn
+        found[:, j] = moment[:, 2]
+    return found
+
+
+def body_regressor(robot: Robot, motion: LinkMotion, joint: int, body: int) -> FloatArray:
+    """Torque at `joint` per inertial parameter of a body fixed to link `body` >= `joint`, (n, 10).
+
+    Parameters: mass, first moments x y z, inertia xx xy yy xz yz zz about the origin of the link's frame, in it.
+    """
+    rate, angular, linear = motion.rate[body], motion.angular[body], motion.linear[body]
+    axis = np.zeros_like(rate)
+    axis[:, 2] = 1.0
+    arm = np.zeros_like(rate)  # from the joint's origin to the body's, in the frame of the link reached so far
+    for j in range(joint + 1, body + 1):
+        arm = _into(motion.rotation[j], arm + robot.origin[j])
+        axis = _into(motion.rotation[j], axis)
+    lever = _cross(axis, arm)
+    found = np.empty((len(rate), 10))
+    found[:, 0] = (lever * linear).sum(axis=1)
+    found[:, 1:4] = -_cross(angular, lever) + rate * (rate * lever).sum(axis=1)[:, None]
+    found[:, 1:4] += -lever * (rate * rate).sum(axis=1)[:, None] + _cross(linear, axis)
+    turned = _cross(axis, rate)
+    for column, (i, k) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)), start=4):
+        term = axis[:, i] * angular[:, k] + turned[:, i] * rate[:, k]
+        found[:, column] = term if i == k else term + axis[:, k] * angular[:, i] + turned[:, k] * rate[:, i]
+    return found
+
+
+def _turned(rotation: FloatArray, angle: FloatArray) -> FloatArray:
+    """rotation @ Rz(angle), (n, 3, 3)."""
+    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    found = np.empty((angle.size, 3, 3))
+    found[:, :, 0] = c * rotation[:, 0] + s * rotation[:, 1]
+    found[:, :, 1] = c * rotation[:, 1] - s * rotation[:, 0]
+    found[:, :, 2] = rotation[:, 2]
+    return found
+
+
+def _into(rotation: FloatArray, vector: FloatArray) -> FloatArray:
+    """Components in the later frame: rotation^T vector."""
+    return np.asarray(np.einsum("nij,ni->nj", rotation, vector))
+
+
+def _out(rotation: FloatArray, vector: FloatArray) -> FloatArray:
+    """Components in the earlier frame: rotation vector."""
+    return np.asarray(np.einsum("nij,nj->ni", rotation, vector))
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Cross product of rows; several times faster than the general one."""
+    x = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
+    y = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
+    return np.stack([x, y, a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]], axis=1)

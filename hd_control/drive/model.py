@@ -1,0 +1,137 @@
+"""The model of a robot: per joint a list of effects with parameter values, and where every value comes from.
+
+model = load_model("arm_a.yaml")                  # drive/model_yaml.py, schema hd.model/1
+joint = model.joints["joint_1"]
+joint.effects["coulomb_friction"]["coulomb_torque"].value
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hd_control.core.errors import ConfigError
+from hd_control.drive.effect import Context, Effect, FloatArray, Shape
+
+if TYPE_CHECKING:
+    from hd_control.core.robot import Robot
+    from hd_control.drive.expression import Expression
+
+SOURCES = ("datasheet", "measured", "fitted", "guess")
+
+
+@dataclass(frozen=True)
+class ModelValue:
+    """One parameter value. `unit` SI text of the effect's parameter; `low`, `high`: what is allowed; `source`: one of
+    `SOURCES` or empty; `interval`: 95 % interval of a measured or fitted value."""
+
+    value: float
+    unit: str = ""
+    low: float = -np.inf
+    high: float = np.inf
+    source: str = ""
+    interval: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class JointModel:
+    """One joint: effects by name, each with its values by parameter, in the order of the file.
+
+    `expressions` define the effects of this joint that a formula or a table gives; their values are in `effects` too.
+    """
+
+    gear_ratio: float
+    rated_torque: float | None = None
+    effects: Mapping[str, Mapping[str, ModelValue]] = field(default_factory=dict)
+    expressions: Mapping[str, Expression] = field(default_factory=dict)
+
+    def numbers(self, effect: str) -> dict[str, float]:
+        """Values of an effect by parameter; empty if the joint does not have it."""
+        return {name: value.value for name, value in self.effects.get(effect, {}).items()}
+
+    def number(self, effect: str, parameter: str, default: float = 0.0) -> float:
+        """One value, `default` if the joint does not have it."""
+        return self.numbers(effect).get(parameter, default)
+
+    def effect_classes(self) -> dict[str, type[Effect]]:
+        """The class of every effect of this joint, expressions included. Raises ConfigError for an unknown name."""
+        from hd_control.drive.library import effect_named
+
+        own = {name: expression.effect() for name, expression in self.expressions.items()}
+        return {name: own[name] if name in own else effect_named(name) for name in self.effects}
+
+    def context(self, torque_scale: float = 1.0) -> Context:
+        """What the change between parameters and coefficients needs."""
+        stiffness = self.number("torsional_stiffness", "torsional_stiffness", np.inf)
+        return Context(stiffness, self.number("coulomb_friction", "coulomb_torque"), torque_scale)
+
+    def terms(self, torque_scale: float = 1.0) -> list[tuple[type[Effect], Shape, FloatArray]]:
+        """Class, shape and coefficients of every effect, in the order of the model."""
+        context = self.context(torque_scale)
+        return [(effect, *effect.split(self.numbers(name), context)) for name, effect in self.effect_classes().items()]
+
+    def with_effect(
+        self, name: str, values: Mapping[str, ModelValue], expression: Expression | None = None
+    ) -> JointModel:
+        """A copy with one effect added or replaced."""
+        expressions = {**self.expressions, name: expression} if expression is not None else self.expressions
+        return replace(self, effects={**self.effects, name: dict(values)}, expressions=expressions)
+
+
+@dataclass(frozen=True)
+class Model:
+    """A robot's model. `robot`: a URDF file (relative to `folder`), a shipped robot's name, URDF text, or None.
+
+    `provenance`: `command`, `program` and `bags` (`path`, `sha256`) that made the file. `folder`: where the file lies.
+    """
+
+    robot: str | None
+    joints: Mapping[str, JointModel]
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    folder: Path | None = field(default=None, compare=False)
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of the canonical text: of the file, if this program wrote it."""
+        import hashlib
+
+        from hd_control.drive.model_text import model_text
+
+        return hashlib.sha256(model_text(self).encode()).hexdigest()
+
+    def joint(self, name: str) -> JointModel:
+        """One joint. Raises ConfigError with the names that there are."""
+        if name not in self.joints:
+            raise ConfigError(f"the model has no joint {name!r}; it has {', '.join(self.joints)}")
+        return self.joints[name]
+
+    def robot_description(self) -> Robot | None:
+        """The robot, None if the model names none. Raises RobotError or ConfigError."""
+        from hd_control.core.robot import Robot
+
+        if self.robot is None:
+            return None
+        if self.robot.lstrip().startswith("<"):
+            return Robot.from_urdf(self.robot)
+        beside = (self.folder or Path()) / self.robot
+        return Robot.from_file(str(beside) if beside.is_file() else self.robot)
+
+
+def model_from_urdf(robot: str, gear_ratios: Mapping[str, float] | float) -> Model:
+    """A first model from a robot description (file, shipped name or text): its joints with link dynamics only.
+
+    `gear_ratios`: one for all joints, or by joint name; joints without one are left out. Raises RobotError or
+    ConfigError.
+    """
+    description = Model(robot, {}).robot_description()
+    assert description is not None
+    joints = {}
+    for name, effort in zip(description.joint_names, description.effort_limit.tolist(), strict=True):
+        ratio = gear_ratios.get(name) if isinstance(gear_ratios, Mapping) else gear_ratios
+        if ratio is not None:
+            joints[name] = JointModel(float(ratio), effort if 0.0 < effort < np.inf else None, {"link_dynamics": {}})
+    return Model(robot, joints)

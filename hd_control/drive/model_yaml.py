@@ -1,0 +1,227 @@
+"""Model files, schema hd.model/1: strict YAML in, canonical YAML out. See docs/model.md."""
+
+from __future__ import annotations
+
+import math
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from hd_control.core.errors import ConfigError
+from hd_control.core.strict_yaml import expect_keys, parse_yaml
+from hd_control.drive.effect import Context, Effect, EffectParameter
+from hd_control.drive.expression import Expression, Table
+from hd_control.drive.model import SOURCES, JointModel, Model, ModelValue
+from hd_control.drive.model_text import model_text
+
+SCHEMA = "hd.model/1"
+MAX_BYTES = 1_000_000
+VALUE_KEYS = ("unit", "low", "high", "source", "interval")
+
+
+def load_model(path: str | Path) -> Model:
+    """Reads a user's model file, or a shipped one by name (`arm_a`). Raises ConfigError naming file, line and key."""
+    from hd_control.core.resources import find_config
+
+    name = str(path)
+    found = find_config(name if name.endswith((".yaml", ".yml")) else f"{name}.yaml", "models")
+    try:
+        data = found.open("rb").read(MAX_BYTES + 1)
+    except OSError as error:
+        raise ConfigError(f"{found}: cannot read ({error.strerror})") from None
+    return parse_model(data, str(found), found.parent)
+
+
+def parse_model(data: bytes | str, where: str = "<model>", folder: Path | None = None) -> Model:
+    """A model from the text of a file. Raises ConfigError naming `where`, line and key."""
+    if len(data) > MAX_BYTES:
+        raise ConfigError(f"{where}: larger than {MAX_BYTES} bytes")
+    table = expect_keys(parse_yaml(data, where), where, ["schema", "joints"], ["robot", "provenance"])
+    if table["schema"] != SCHEMA:
+        raise ConfigError(f"{where}: schema {table['schema']!r} is not {SCHEMA}")
+    robot = table.get("robot")
+    if robot is not None and not isinstance(robot, str):
+        raise ConfigError(f"{where}: robot: {robot!r} is not a file name")
+    joints = table["joints"]
+    if not isinstance(joints, Mapping) or not joints:
+        raise ConfigError(f"{where}: joints: expected joint names with their models")
+    found = {str(name): _joint(value, f"{where}: {name}") for name, value in joints.items()}
+    return Model(robot, found, _provenance(table.get("provenance"), where), folder)
+
+
+def _joint(table: Any, where: str) -> JointModel:
+    expect_keys(table, where, ["gear_ratio", "effects"], ["rated_torque"])
+    ratio, rated = _number(table["gear_ratio"], f"{where}: gear_ratio"), table.get("rated_torque")
+    if ratio <= 0.0:
+        raise ConfigError(f"{where}: gear_ratio {ratio:g} must be positive; a reversing gear is a sign of the encoder")
+    if rated is not None and _number(rated, f"{where}: rated_torque") <= 0.0:
+        raise ConfigError(f"{where}: rated_torque {rated:g} N m must be positive")
+    if not isinstance(table["effects"], list):
+        raise ConfigError(f"{where}: effects: expected a list of effects")
+    effects: dict[str, Mapping[str, ModelValue]] = {}
+    expressions: dict[str, Expression] = {}
+    for item in table["effects"]:
+        name, values, at = _item(item, where)
+        expression = None
+        if name == "expression":
+            expression, values = _expression(values, at)
+            name = expression.name
+        if name in effects:
+            raise ConfigError(f"{at}: effect {name!r} twice")
+        effects[name] = _effect(name, values, at, expression)
+        if expression is not None:
+            expressions[name] = expression
+    return JointModel(ratio, None if rated is None else float(rated), effects, expressions)
+
+
+def _item(item: Any, where: str) -> tuple[str, Mapping[str, Any], str]:
+    """Name, values and place of one entry of the list of effects."""
+    if isinstance(item, str):
+        return item, {}, f"{where}: {item}"
+    if not isinstance(item, Mapping) or len(item) != 1:
+        raise ConfigError(f"{where}: effects: {item!r:.60} is not one effect; write '- name: {{parameter: value}}'")
+    name, values = next(iter(item.items()))
+    line = getattr(item, "lines", {}).get(name)
+    at = f"{where}: {name}" + (f" (line {line})" if line else "")
+    if values is not None and not isinstance(values, Mapping):
+        raise ConfigError(f"{at}: expected its parameters, got {values!r:.60}")
+    return str(name), values or {}, at
+
+
+def _effect(name: str, values: Mapping[str, Any], at: str, expression: Expression | None) -> dict[str, ModelValue]:
+    """Checked values of one effect."""
+    from hd_control.drive.library import effect_named
+
+    try:
+        effect = expression.effect() if expression is not None else effect_named(name)
+    except ConfigError as error:
+        raise ConfigError(f"{at}: {error}") from None
+    known = {parameter.name: parameter for parameter in effect.parameters}
+    expect_keys(values, at, (), list(known))
+    found = {key: _value(value, known[key], f"{at}: {key}") for key, value in values.items()}
+    if missing := _missing(effect, found):
+        raise ConfigError(f"{at}: missing {', '.join(missing)}")
+    return found
+
+
+def _missing(effect: type[Effect], found: Mapping[str, ModelValue]) -> list[str]:
+    """Parameters without which the effect means nothing."""
+    missing = [p.name for p in effect.parameters if not p.linear and p.default is None and p.name not in found]
+    if missing:
+        return missing
+    if not found and all(p.default is None for p in effect.parameters):
+        return [p.name for p in effect.parameters[:2]]
+    try:
+        effect.split({name: value.value for name, value in found.items()}, Context(1.0, 1.0, 1.0))
+    except KeyError as error:
+        return [str(error.args[0])]
+    return []
+
+
+def _value(given: Any, parameter: EffectParameter, where: str) -> ModelValue:
+    if not isinstance(given, Mapping):
+        value = ModelValue(_number(given, where), parameter.unit)
+    else:
+        expect_keys(given, where, ["value"], VALUE_KEYS)
+        unit, source = given.get("unit", parameter.unit), given.get("source", "")
+        if unit != parameter.unit:
+            raise ConfigError(f"{where}: unit {unit!r} is not {parameter.unit!r}; convert the value")
+        if source and source not in SOURCES:
+            raise ConfigError(f"{where}: source {source!r} is not one of {', '.join(SOURCES)}")
+        value = ModelValue(
+            _number(given["value"], where),
+            unit,
+            _number(given.get("low", -math.inf), f"{where}: low"),
+            _number(given.get("high", math.inf), f"{where}: high"),
+            source,
+            _interval(given.get("interval"), f"{where}: interval"),
+        )
+    low, high = max(value.low, parameter.low), min(value.high, parameter.high)
+    if not low <= value.value <= high:
+        raise ConfigError(f"{where}: {value.value:g} {parameter.unit} is outside [{low:g}, {high:g}]")
+    return value
+
+
+def _interval(given: Any, where: str) -> tuple[float, float] | None:
+    if given is None:
+        return None
+    if not isinstance(given, list) or len(given) != 2:
+        raise ConfigError(f"{where}: expected [low, high]")
+    low, high = (_number(end, where) for end in given)
+    if low > high:
+        raise ConfigError(f"{where}: {low:g} is above {high:g}")
+    return low, high
+
+
+def _expression(given: Mapping[str, Any], at: str) -> tuple[Expression, Mapping[str, Any]]:
+    """An expression and the values of its parameters, as given."""
+    table = expect_keys(given, at, ["name", "channel"], ["formula", "table", "parameters"])
+    name, channel = table["name"], table["channel"]
+    if not isinstance(name, str) or not name.isidentifier():
+        raise ConfigError(f"{at}: name: {name!r} is not a plain word")
+    channels = {channel: 1.0} if isinstance(channel, str) else channel
+    if not isinstance(channels, Mapping):
+        raise ConfigError(f"{at}: channel: expected a channel, or channels with factors")
+    factors = {str(key): _number(value, f"{at}: channel: {key}") for key, value in channels.items()}
+    values: Mapping[str, Any] = table.get("parameters") or {}
+    written = None
+    if table.get("table") is not None:
+        parts = expect_keys(table["table"], f"{at}: table", ["signal", "knots"], ["values", "times"])
+        knots = tuple(_number(knot, f"{at}: knots") for knot in _list(parts["knots"], f"{at}: knots"))
+        written = Table(str(parts["signal"]), knots, str(parts.get("times") or "none"))
+        if "values" in parts:
+            numbers = _list(parts["values"], f"{at}: values")
+            if len(numbers) != len(knots):
+                raise ConfigError(f"{at}: {len(numbers)} values for {len(knots)} knots")
+            values = {f"value_{i + 1}": number for i, number in enumerate(numbers)}
+    units = {k: str(v["unit"]) for k, v in values.items() if isinstance(v, Mapping) and "unit" in v}
+    bare = Expression(name, factors, str(table.get("formula") or ""), written)
+    return replace(bare, units={key: unit for key, unit in units.items() if unit != bare.unit}), values
+
+
+def _provenance(given: Any, where: str) -> dict[str, Any]:
+    if given is None:
+        return {}
+    table = expect_keys(given, f"{where}: provenance", (), ["command", "program", "bags"])
+    bags = [dict(expect_keys(bag, f"{where}: bags", ["path", "sha256"])) for bag in table.get("bags") or []]
+    return {**{key: str(value) for key, value in table.items() if key != "bags"}, **({"bags": bags} if bags else {})}
+
+
+def _list(given: Any, where: str) -> list[Any]:
+    if not isinstance(given, list):
+        raise ConfigError(f"{where}: expected a list")
+    return given
+
+
+def _number(given: Any, where: str) -> float:
+    if isinstance(given, bool) or not isinstance(given, (int, float)):
+        raise ConfigError(f"{where}: {given!r} is not a number")
+    return float(given)
+
+
+def save_model(
+    model: Model, path: str | Path, provenance: Mapping[str, Any] | None = None, force: bool = False
+) -> Model:
+    """Writes the canonical text, whole or not at all, and returns the model as written. Raises ConfigError.
+
+    An existing file is replaced only with `force`. `provenance` takes the place of the model's own.
+    """
+    path = Path(path)
+    if path.exists() and not force:
+        raise ConfigError(f"{path}: exists; choose another name or use --force")
+    own = model.provenance if provenance is None else provenance
+    written = replace(model, folder=path.parent, provenance=dict(own))
+    try:
+        handle, partial = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as stream:
+            stream.write(model_text(written))
+        mask = os.umask(0)
+        os.umask(mask)
+        os.chmod(partial, 0o666 & ~mask)
+        os.replace(partial, path)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot write ({error.strerror})") from None
+    return written
