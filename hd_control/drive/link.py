@@ -18,6 +18,8 @@ from hd_control.drive.model import JointModel, Model
 
 GRAVITY = 9.81
 """m/s^2, along -z of the base."""
+SLOPE_STEP = 1e-4
+"""rad: central difference of gravity."""
 
 LinkTerms = tuple[FloatArray, FloatArray, FloatArray | None, FloatArray | None]
 
@@ -171,3 +173,36 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     x = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
     y = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
     return np.stack([x, y, a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]], axis=1)
+
+
+@dataclass(frozen=True)
+class OwnLink:
+    """The link of one joint along a recording, (n,): tau = inertia q'' + rest + slope (q - measured q).
+
+    inertia kg m^2, the joint's own; rest N m: gravity, Coriolis and the neighbours' accelerations; slope N m/rad.
+    """
+
+    inertia: FloatArray
+    rest: FloatArray
+    slope: FloatArray
+
+
+def own_link(
+    model: Model,
+    joint: str,
+    positions: FloatArray,
+    velocities: FloatArray,
+    accelerations: FloatArray,
+    robot: Robot | None = None,
+) -> OwnLink:
+    """The own link of a joint for a prediction, the neighbours moving as measured. Arguments as in `link_terms`."""
+    description = robot if robot is not None else model.robot_description()
+    q, v, a = (np.asarray(x, dtype=float) for x in (positions, velocities, accelerations))
+    q, v, a = (x[:, None] if x.ndim == 1 else x for x in (q, v, a))
+    inertia_torque, bias, _, _ = link_terms(model, joint, q, v, a, description)
+    j = description.indices([joint])[0] if description is not None else min(q.shape[1] - 1, 0)
+    unit, step, still = np.zeros_like(a), np.zeros_like(q), np.zeros_like(v)
+    unit[:, j], step[:, j] = 1.0, SLOPE_STEP
+    inertia = link_terms(model, joint, q, still, unit, description)[0]
+    ends = [link_terms(model, joint, q + sign * step, still, still, description)[1] for sign in (-1.0, 1.0)]
+    return OwnLink(inertia, inertia_torque + bias - inertia * a[:, j], (ends[1] - ends[0]) / (2.0 * SLOPE_STEP))

@@ -1,0 +1,252 @@
+"""Free run: what the model predicts from a measured start when only the recorded motor torque drives it.
+
+All windows of a recording run at once, as vectors. One step holds the motor torque; the spring is implicit (midpoint),
+Coulomb friction is set-valued (soft threshold), effects follow through `Effect.advance`:
+
+    I* dv = T (u - tau - R) - T G s,  M dw = T (tau - rest - L),  tau = tau_mid + c (dv - dw),  c = T k_t / 4 + k d / 2
+
+with R + G s the motor columns, L the link columns, k_t the tangent stiffness of spring and transmission columns.
+Source: equation sheet 1.8 (steps 3, 5 and 6 without reversals inside a step), method sheet 9.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from hd_control.core.errors import ConfigError
+from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, DriveStates, Effect, FloatArray, IntArray, Shape
+from hd_control.drive.link import OwnLink
+from hd_control.drive.model import JointModel
+
+BASE = ("rotor_inertia", "torsional_stiffness", "coulomb_friction", "viscous_friction", "link_dynamics")
+LONGEST_STEP = 2e-3
+"""s: a long window takes steps of this length if the samples are closer; the spring's mode lies below 60 Hz."""
+LONG_WINDOW = 1.0
+CLIP = 10.0
+"""Errors above this many times the spread of the measurement at the end of the window are clipped and counted."""
+REPLAY_S = 2.0
+"""s before the first start, so that effects with memory have a past."""
+FEWEST_WINDOWS = 2
+
+
+@dataclass(frozen=True)
+class FreeRun:
+    """RMS over all windows against horizon time, (h,): motor and joint position rad, joint torque N m.
+
+    `hold_...`: the same for the prediction that everything keeps its start value. `clipped_share` of the windows ran
+    away and count with the limit. `final_motor_position` (windows,): error at the end of each window, rad.
+    """
+
+    horizon: FloatArray
+    rms_motor_position: FloatArray
+    rms_joint_position: FloatArray
+    rms_joint_torque: FloatArray
+    hold_motor_position: FloatArray
+    hold_joint_position: FloatArray
+    hold_joint_torque: FloatArray
+    clipped_share: float
+    windows: int
+    final_motor_position: FloatArray = field(repr=False)
+
+
+def free_run(
+    joint: JointModel,
+    states: DriveStates,
+    horizon_s: float,
+    every_s: float,
+    link: OwnLink | None = None,
+    command: FloatArray | None = None,
+) -> FreeRun:
+    """Predicts every window of `horizon_s`, one start per `every_s`, of a recording's states (n,).
+
+    `states` are smoothed; windows with NaN rows are left out. `link`: see `drive.link.own_link`; without it inertia is
+    read off the states and gravity keeps its measured course. `command` (n,) N m: the recorded motor torque, held from
+    each sample to the next; without it `states.motor_torque`. Raises ConfigError if the model lacks stiffness or rotor
+    inertia, or no window is whole.
+    """
+    if command is not None:
+        states = replace(states, motor_torque=np.asarray(command, dtype=float))
+    if link is None:
+        link = _link_of(states)
+    whole = int(LONGEST_STEP / states.period + 1e-9)
+    if horizon_s > LONG_WINDOW and whole > 1:
+        states, link = _thinned(states, link, whole)
+    plant = _Plant.of(joint, states, link)
+    steps = max(2, round(horizon_s / states.period))
+    starts = _starts(plant.states, steps, every_s)
+    predicted = _run(plant, starts, steps)
+    measured = plant.measured(starts, steps)
+    return _summary(predicted, measured, states.period)
+
+
+@dataclass(frozen=True)
+class _Term:
+    """One effect of the model beyond the base, and what its columns depend on."""
+
+    effect: type[Effect]
+    shape: Shape
+    coefficients: FloatArray
+    on_direction: bool
+    on_torque: bool
+
+    def value(self, states: DriveStates, memory: FloatArray) -> tuple[dict[str, FloatArray], FloatArray]:
+        """What the effect adds to each channel, (runs,), and its new memory."""
+        columns, memory = self.effect.advance(states, self.shape, memory)
+        return {channel: column @ self.coefficients for channel, column in columns.items()}, memory
+
+
+@dataclass(frozen=True)
+class _Plant:
+    """Numbers of the base, terms, and the recording with the torque corrected for what the gauge is known to add."""
+
+    states: DriveStates
+    link: OwnLink
+    terms: tuple[_Term, ...]
+    inertia: float
+    stiffness: float
+    damping_time: float
+    coulomb: float
+    viscous: float
+    zero: float
+
+    @classmethod
+    def of(cls, joint: JointModel, states: DriveStates, link: OwnLink) -> _Plant:
+        stiffness = joint.number("torsional_stiffness", "torsional_stiffness")
+        inertia = joint.number("rotor_inertia", "rotor_inertia")
+        if stiffness <= 0.0 or inertia <= 0.0:
+            raise ConfigError("a prediction needs torsional_stiffness and rotor_inertia in the model")
+        known = [term for term in joint.terms(states.torque_scale) if term[0].name not in BASE]
+        gauge = [term for term in known if _is_gauge(term[0], joint)]
+        added = sum((e.columns(states, s)[LINK] @ c for e, s, c in gauge), np.zeros(states.time.size))
+        states = replace(states, joint_torque=states.gauge_torque - added)
+        terms = tuple(_term(e, s, c, states) for e, s, c in known if not _is_gauge(e, joint))
+        torsion = [t.effect.columns(states, t.shape).get(TRANSMISSION) for t in terms]
+        wave = sum((c @ t.coefficients for c, t in zip(torsion, terms, strict=True) if c is not None), 0.0)
+        zero = states.joint_position - states.motor_position + states.joint_torque / stiffness - wave
+        return cls(
+            states=states,
+            link=link,
+            terms=terms,
+            inertia=inertia,
+            stiffness=stiffness,
+            damping_time=joint.number("torsional_stiffness", "damping_time"),
+            coulomb=joint.number("coulomb_friction", "coulomb_torque"),
+            viscous=joint.number("viscous_friction", "viscous"),
+            zero=float(np.nanmedian(zero)),
+        )
+
+    def measured(self, starts: IntArray, steps: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Motor position, joint position and joint torque, each (steps + 1, windows)."""
+        index = starts + np.arange(steps + 1)[:, None]
+        s = self.states
+        return s.motor_position[index], s.joint_position[index], s.joint_torque[index]
+
+
+def _is_gauge(effect: type[Effect], joint: JointModel) -> bool:
+    """Does the effect belong to the torque sensor, so that it moves nothing?"""
+    if effect.name in joint.expressions:
+        return dict(joint.expressions[effect.name].channels) == {MOTOR: -1.0, LINK: 1.0}
+    return effect.name.startswith("gauge_")
+
+
+def _term(effect: type[Effect], shape: Shape, coefficients: FloatArray, states: DriveStates) -> _Term:
+    """Probes on some rows of the recording whether the columns know direction and torque."""
+    rows = np.flatnonzero(np.isfinite(states.joint_torque))[:: max(1, states.time.size // 50)]
+    some = rows_of(states, rows)
+
+    def depends(a: DriveStates, b: DriveStates, channels: Sequence[str]) -> bool:
+        first, second = (effect.columns(x, shape) for x in (a, b))
+        return any(c in first and not np.allclose(first[c], second[c], equal_nan=True) for c in channels)
+
+    ones = np.ones(rows.size)
+    direction = depends(replace(some, motor_direction=ones), replace(some, motor_direction=-ones), (MOTOR,))
+    moved = replace(some, joint_torque=1.1 * some.joint_torque + 0.01 * states.torque_scale)
+    return _Term(effect, shape, coefficients, direction, depends(some, moved, (TRANSMISSION,)))
+
+
+def rows_of(states: DriveStates, rows: IntArray) -> DriveStates:
+    """The states at some rows."""
+    size = states.time.size
+    arrays = {name: value for name, value in vars(states).items() if isinstance(value, np.ndarray)}
+    some: dict[str, Any] = {name: value[rows] for name, value in arrays.items() if len(value) == size}
+    return replace(states, **some)
+
+
+def _link_of(states: DriveStates) -> OwnLink:
+    """Constant inertia by least squares of M q'' on q''; the rest as measured."""
+    good = np.isfinite(states.link_inertia_torque) & np.isfinite(states.joint_acceleration)
+    a, torque = states.joint_acceleration[good], states.link_inertia_torque[good]
+    inertia = float(a @ torque / max(float(a @ a), 1e-300))
+    if not inertia > 0.0:
+        raise ConfigError("a prediction needs the link inertia; the model's link dynamics gives none")
+    rest = states.link_inertia_torque - inertia * states.joint_acceleration + states.link_bias_torque
+    return OwnLink(np.full(states.time.size, inertia), rest, np.zeros(states.time.size))
+
+
+def _thinned(states: DriveStates, link: OwnLink, step: int) -> tuple[DriveStates, OwnLink]:
+    """Every `step`-th row; the motor torque is the mean over the step."""
+    n = states.time.size // step
+    rows = np.arange(n) * step
+    thin = replace(rows_of(states, rows), period=step * states.period)
+    thin = replace(thin, motor_torque=states.motor_torque[: n * step].reshape(n, step).mean(axis=1))
+    return thin, OwnLink(link.inertia[rows], link.rest[rows], link.slope[rows])
+
+
+def _starts(states: DriveStates, steps: int, every_s: float) -> IntArray:
+    """Rows at which whole windows start."""
+    needed = (states.motor_position, states.motor_velocity, states.joint_position, states.joint_velocity)
+    good = np.logical_and.reduce([np.isfinite(x) for x in (*needed, states.joint_torque, states.motor_torque)])
+    bad = np.concatenate([[0], np.cumsum(~good)])
+    first = min(round(REPLAY_S / states.period), max(0, states.time.size - FEWEST_WINDOWS * steps - 1))
+    starts = np.arange(first, states.time.size - steps, max(1, round(every_s / states.period)))
+    starts = starts[bad[starts + steps + 1] == bad[starts]] if starts.size else starts
+    if starts.size == 0:
+        raise ConfigError("no whole window for a prediction: the recording is too short or has too many gaps")
+    return starts.astype(np.int64)
+
+
+def _run(plant: _Plant, starts: IntArray, steps: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Predicted motor position, joint position and joint torque, each (steps + 1, windows)."""
+    from hd_control.drive.predict_step import Stepper
+
+    stepper = Stepper(plant, starts)
+    found = np.empty((3, steps + 1, starts.size))
+    mean = np.empty((steps + 1, starts.size))
+    found[:, 0] = stepper.phi, stepper.q, stepper.tau
+    with np.errstate(all="ignore"):
+        for i in range(steps):
+            mean[i] = stepper.step(i)
+            found[0, i + 1], found[1, i + 1] = stepper.phi, stepper.q
+        mean[steps] = mean[steps - 1]
+        found[2, 1:] = 0.5 * (mean[:-1] + mean[1:])  # torques are means over a step, samples lie between two
+    return found[0], found[1], found[2]
+
+
+def _summary(
+    predicted: tuple[FloatArray, FloatArray, FloatArray],
+    measured: tuple[FloatArray, FloatArray, FloatArray],
+    period: float,
+) -> FreeRun:
+    rms: list[FloatArray] = []
+    hold: list[FloatArray] = []
+    clipped = np.zeros(predicted[0].shape[1], dtype=bool)
+    for model, truth in zip(predicted, measured, strict=True):
+        still = truth - truth[0]
+        hold.append(_rms(still))
+        limit = CLIP * max(float(hold[-1].max()), 1e-12)
+        error = np.nan_to_num(np.abs(model - truth), nan=np.inf, posinf=np.inf)
+        clipped |= (error > limit).any(axis=0)
+        rms.append(_rms(np.minimum(error, limit)))
+    final: FloatArray = predicted[0][-1] - measured[0][-1]
+    horizon = np.arange(predicted[0].shape[0], dtype=np.float64) * period
+    share, windows = float(clipped.mean()), int(clipped.size)
+    return FreeRun(horizon, rms[0], rms[1], rms[2], hold[0], hold[1], hold[2], share, windows, final)
+
+
+def _rms(errors: FloatArray) -> FloatArray:
+    """Over the windows, (steps + 1,)."""
+    return np.asarray(np.sqrt(np.mean(errors**2, axis=1)), dtype=np.float64)

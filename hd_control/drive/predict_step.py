@@ -1,0 +1,171 @@
+"""One step of a free run for all windows at once (see `drive/predict.py` for the equations)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, DriveStates, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from hd_control.drive.predict import _Plant, _Term
+
+NEWTON_ROUNDS = 2
+SOFTEST = 0.02
+"""Least tangent stiffness over the linear one that a transmission may have, e.g. inside a backlash gap."""
+
+
+class Stepper:
+    """Runs (windows,) of one plant. `phi`, `v`, `q`, `w`: motor and joint position and velocity; `tau` joint torque."""
+
+    def __init__(self, plant: _Plant, starts: IntArray) -> None:
+        self.plant, self.starts = plant, starts
+        s = plant.states
+        self.phi, self.v, self.w = (x[starts].copy() for x in (s.motor_position, s.motor_velocity, s.joint_velocity))
+        self.q = s.joint_position[starts].copy()
+        self.tau = s.joint_torque[starts].copy()
+        self.rate, self.acceleration, self.link_acceleration = (np.zeros(starts.size) for _ in range(3))
+        self.memory = [t.effect.memory_along(s, t.shape, starts) for t in plant.terms]
+        # The start lies on the model's own torsion: the joint sensor is too coarse to give the torque.
+        wave = self._waves(self._state(0, self.phi, self.q, self.tau))
+        self.q = self.phi - self.tau / plant.stiffness + plant.zero + wave
+
+    def step(self, i: int) -> FloatArray:
+        """One step from sample i; returns the mean joint torque over it."""
+        plant, rows, T = self.plant, self.starts + i, self.plant.states.period
+        phi, q = self.phi + 0.5 * T * self.v, self.q + 0.5 * T * self.w
+        damping = plant.stiffness * plant.damping_time
+        tau, tangent, waves = self._torsion(i, phi, q, damping * (self.v - self.w))
+        state = self._state(i, phi, q, tau)
+        resist, threshold, load = self._columns(state, waves)
+        c = 0.25 * T * tangent + 0.5 * damping
+        link = plant.link
+        rest = 0.5 * (link.rest[rows] + link.rest[rows + 1]) + load
+        rest += link.slope[rows] * (
+            q - 0.5 * (plant.states.joint_position[rows] + plant.states.joint_position[rows + 1])
+        )
+        ease = T / (link.inertia[rows] + T * c)
+        free = tau - c * ease * (tau - rest)
+        push = state.motor_torque - resist - plant.viscous * self.v - free
+        heavy = plant.inertia + T * (c * (1.0 - c * ease) + 0.5 * plant.viscous)
+        drive = heavy * self.v + T * push
+        v = np.sign(drive) * np.maximum(np.abs(drive) - T * (plant.coulomb + threshold), 0.0) / heavy
+        change = v - self.v
+        link_change = ease * (tau - rest + c * change)
+        self.phi = self.phi + 0.5 * T * (self.v + v)
+        self.q = self.q + T * (self.w + 0.5 * link_change)
+        mean: FloatArray = tau + c * (change - link_change)
+        self.rate, self.tau = (mean - self.tau) / T, mean
+        self.v, self.w = v, self.w + link_change
+        self.acceleration, self.link_acceleration = change / T, link_change / T
+        return mean
+
+    def _torsion(
+        self, i: int, phi: FloatArray, q: FloatArray, damping: FloatArray
+    ) -> tuple[FloatArray, FloatArray, dict[int, dict[str, FloatArray]]]:
+        """Joint torque at the midpoint, tangent stiffness, and the terms that were evaluated on the way."""
+        plant = self.plant
+        k, known = plant.stiffness, {}
+        steady = [n for n, t in enumerate(plant.terms) if not t.on_torque and self._bends(n)]
+        follow = [n for n, t in enumerate(plant.terms) if t.on_torque]
+        torsion = phi - q + plant.zero
+        if steady:
+            state = self._state(i, phi, q, self.tau)
+            for n in steady:
+                known[n], self.memory[n] = plant.terms[n].value(state, self.memory[n])
+                torsion = torsion + known[n].get(TRANSMISSION, 0.0)
+        tau, tangent = k * torsion, np.full(phi.shape, k)
+        if follow:
+            tau = self.tau - damping
+            nudge = 1e-3 * plant.states.torque_scale
+            for _ in range(NEWTON_ROUNDS):
+                here, near = (self._follow(i, phi, q, tau + step, follow) for step in (0.0, nudge))
+                tangent = k / np.maximum(1.0 - k * (near - here) / nudge, 1e-3)
+                tangent = np.maximum(tangent, SOFTEST * k)
+                tau = tau + tangent * (torsion + here - tau / k)
+            state = self._state(i, phi, q, tau + damping)
+            for n in follow:
+                known[n], self.memory[n] = plant.terms[n].value(state, self.memory[n])
+        return tau + damping, tangent, known
+
+    def _follow(self, i: int, phi: FloatArray, q: FloatArray, tau: FloatArray, terms: list[int]) -> FloatArray:
+        """What the terms that depend on torque add to the joint position at this torque."""
+        state = self._state(i, phi, q, tau)
+        found = np.zeros(phi.shape)
+        for n in terms:
+            found += self.plant.terms[n].value(state, self.memory[n])[0].get(TRANSMISSION, 0.0)
+        return found
+
+    def _columns(
+        self, state: DriveStates, known: dict[int, dict[str, FloatArray]]
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Resisting motor torque without direction, half its jump between the directions, resisting link torque."""
+        resist, jump, load = (np.zeros(self.phi.shape) for _ in range(3))
+        for n, term in enumerate(self.plant.terms):
+            if n in known:
+                values = known[n]
+            elif term.on_direction:
+                values, resist, jump = self._both(n, term, state, resist, jump)
+            else:
+                values, self.memory[n] = term.value(state, self.memory[n])
+            if n in known or not term.on_direction:
+                resist = resist + values.get(MOTOR, 0.0)
+            load = load + values.get(LINK, 0.0)
+        return resist, jump, load
+
+    def _both(
+        self, n: int, term: _Term, state: DriveStates, resist: FloatArray, jump: FloatArray
+    ) -> tuple[dict[str, FloatArray], FloatArray, FloatArray]:
+        """A term whose motor column changes with the direction: both directions, one memory."""
+        state.motor_direction[:] = -1.0
+        back, _ = term.value(state, self.memory[n])
+        state.motor_direction[:] = 1.0
+        ahead, self.memory[n] = term.value(state, self.memory[n])
+        state.motor_direction[:] = 0.0
+        return ahead, resist + 0.5 * (ahead[MOTOR] + back[MOTOR]), jump + 0.5 * (ahead[MOTOR] - back[MOTOR])
+
+    def _waves(self, state: DriveStates) -> FloatArray:
+        """What all terms add to the joint position; memory stays."""
+        found = np.zeros(self.phi.shape)
+        for term, memory in zip(self.plant.terms, self.memory, strict=True):
+            found = found + term.value(state, memory)[0].get(TRANSMISSION, 0.0)
+        return found
+
+    def _bends(self, n: int) -> bool:
+        """Does the term act on the transmission?"""
+        term = self.plant.terms[n]
+        if not hasattr(self, "_transmission"):
+            self._transmission: dict[int, bool] = {}
+        if n not in self._transmission:
+            values, _ = term.value(self._state(0, self.phi, self.q, self.tau), self.memory[n])
+            self._transmission[n] = TRANSMISSION in values
+        return self._transmission[n]
+
+    def _state(self, i: int, phi: FloatArray, q: FloatArray, tau: FloatArray) -> DriveStates:
+        """The states of all runs at step i."""
+        s, rows = self.plant.states, self.starts + i
+        link = self.plant.link
+        return DriveStates(
+            period=s.period,
+            gear_ratio=s.gear_ratio,
+            torque_scale=s.torque_scale,
+            time=s.time[rows],
+            motor_position=phi,
+            motor_velocity=self.v,
+            motor_acceleration=self.acceleration,
+            motor_direction=np.zeros(phi.shape),
+            joint_position=q,
+            joint_velocity=self.w,
+            joint_acceleration=self.link_acceleration,
+            gauge_torque=tau,
+            joint_torque=tau,
+            joint_torque_rate=self.rate,
+            motor_torque=s.motor_torque[rows],
+            temperature=s.temperature[rows],
+            link_inertia_torque=link.inertia[rows] * self.link_acceleration,
+            link_bias_torque=s.link_bias_torque[rows],
+            link_regressor=None if s.link_regressor is None else s.link_regressor[rows],
+            tool_regressor=None if s.tool_regressor is None else s.tool_regressor[rows],
+            torsional_compliance=1.0 / self.plant.stiffness,
+        )
