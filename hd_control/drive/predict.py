@@ -91,6 +91,7 @@ class _Term:
     shape: Shape
     coefficients: FloatArray
     on_direction: bool
+    on_transmission: bool
     on_torque: bool
 
     def value(self, states: DriveStates, memory: FloatArray) -> tuple[dict[str, FloatArray], FloatArray]:
@@ -165,7 +166,8 @@ def _term(effect: type[Effect], shape: Shape, coefficients: FloatArray, states: 
     ones = np.ones(rows.size)
     direction = depends(replace(some, motor_direction=ones), replace(some, motor_direction=-ones), (MOTOR,))
     moved = replace(some, joint_torque=1.1 * some.joint_torque + 0.01 * states.torque_scale)
-    return _Term(effect, shape, coefficients, direction, depends(some, moved, (TRANSMISSION,)))
+    follows = depends(some, moved, (TRANSMISSION,))
+    return _Term(effect, shape, coefficients, direction, TRANSMISSION in effect.columns(some, shape), follows)
 
 
 def rows_of(states: DriveStates, rows: IntArray) -> DriveStates:

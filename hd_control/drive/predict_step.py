@@ -25,7 +25,10 @@ class Stepper:
         self.phi, self.v, self.w = (x[starts].copy() for x in (s.motor_position, s.motor_velocity, s.joint_velocity))
         self.q = s.joint_position[starts].copy()
         self.tau = s.joint_torque[starts].copy()
+        self.wave: FloatArray | None = None
         self.rate, self.acceleration, self.link_acceleration = (np.zeros(starts.size) for _ in range(3))
+        self.steady = [n for n, t in enumerate(plant.terms) if t.on_transmission and not t.on_torque]
+        self.follow = [n for n, t in enumerate(plant.terms) if t.on_transmission and t.on_torque]
         self.memory = [t.effect.memory_along(s, t.shape, starts) for t in plant.terms]
         # The start lies on the model's own torsion: the joint sensor is too coarse to give the torque.
         wave = self._waves(self._state(0, self.phi, self.q, self.tau))
@@ -67,33 +70,36 @@ class Stepper:
         """Joint torque at the midpoint, tangent stiffness, and the terms that were evaluated on the way."""
         plant = self.plant
         k, known = plant.stiffness, {}
-        steady = [n for n, t in enumerate(plant.terms) if not t.on_torque and self._bends(n)]
-        follow = [n for n, t in enumerate(plant.terms) if t.on_torque]
         torsion = phi - q + plant.zero
-        if steady:
+        if self.steady:
+            wave = np.zeros(phi.shape)
             state = self._state(i, phi, q, self.tau)
-            for n in steady:
+            for n in self.steady:
                 known[n], self.memory[n] = plant.terms[n].value(state, self.memory[n])
-                torsion = torsion + known[n].get(TRANSMISSION, 0.0)
+                wave = wave + known[n].get(TRANSMISSION, 0.0)
+            torsion = torsion + wave
+            if self.wave is not None:  # the damper also feels the waves that the motor runs over
+                damping = damping + k * plant.damping_time * (wave - self.wave) / plant.states.period
+            self.wave = wave
         tau, tangent = k * torsion, np.full(phi.shape, k)
-        if follow:
+        if self.follow:
             tau = self.tau - damping
             nudge = 1e-3 * plant.states.torque_scale
             for _ in range(NEWTON_ROUNDS):
-                here, near = (self._follow(i, phi, q, tau + step, follow) for step in (0.0, nudge))
+                here, near = (self._following(i, phi, q, tau + step) for step in (0.0, nudge))
                 tangent = k / np.maximum(1.0 - k * (near - here) / nudge, 1e-3)
                 tangent = np.maximum(tangent, SOFTEST * k)
                 tau = tau + tangent * (torsion + here - tau / k)
             state = self._state(i, phi, q, tau + damping)
-            for n in follow:
+            for n in self.follow:
                 known[n], self.memory[n] = plant.terms[n].value(state, self.memory[n])
         return tau + damping, tangent, known
 
-    def _follow(self, i: int, phi: FloatArray, q: FloatArray, tau: FloatArray, terms: list[int]) -> FloatArray:
+    def _following(self, i: int, phi: FloatArray, q: FloatArray, tau: FloatArray) -> FloatArray:
         """What the terms that depend on torque add to the joint position at this torque."""
         state = self._state(i, phi, q, tau)
         found = np.zeros(phi.shape)
-        for n in terms:
+        for n in self.follow:
             found += self.plant.terms[n].value(state, self.memory[n])[0].get(TRANSMISSION, 0.0)
         return found
 
@@ -131,16 +137,6 @@ class Stepper:
         for term, memory in zip(self.plant.terms, self.memory, strict=True):
             found = found + term.value(state, memory)[0].get(TRANSMISSION, 0.0)
         return found
-
-    def _bends(self, n: int) -> bool:
-        """Does the term act on the transmission?"""
-        term = self.plant.terms[n]
-        if not hasattr(self, "_transmission"):
-            self._transmission: dict[int, bool] = {}
-        if n not in self._transmission:
-            values, _ = term.value(self._state(0, self.phi, self.q, self.tau), self.memory[n])
-            self._transmission[n] = TRANSMISSION in values
-        return self._transmission[n]
 
     def _state(self, i: int, phi: FloatArray, q: FloatArray, tau: FloatArray) -> DriveStates:
         """The states of all runs at step i."""

@@ -23,6 +23,7 @@ from hd_control.drive.effect import (
     Effect,
     EffectParameter,
     FloatArray,
+    IntArray,
     Shape,
 )
 from hd_control.drive.shapes import held
@@ -70,6 +71,15 @@ class StructuralResonance(Effect):
         b, a, rest = _filter(float(shape["frequency"]), float(shape["damping_ratio"]), states.period)
         column, _ = lfilter(b, a, drive, zi=np.array(rest) * drive[0])
         return {LINK: column[:, None]}
+
+    @classmethod
+    def memory_along(cls, states: DriveStates, shape: Shape, rows: IntArray) -> FloatArray:
+        drive = held(states.joint_torque - states.link_bias_torque)
+        b, a, _ = _filter(float(shape["frequency"]), float(shape["damping_ratio"]), states.period)
+        out = cls.columns(states, shape)[LINK][:, 0]
+        first = out - b[0] * drive
+        after = first[np.minimum(rows + 1, first.size - 1)]
+        return np.stack([first[rows], after - b[1] * drive[rows] + a[1] * out[rows]])
 
     @classmethod
     def split(cls, values: Mapping[str, float], context: Context) -> tuple[Shape, FloatArray]:
