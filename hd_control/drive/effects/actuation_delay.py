@@ -9,6 +9,7 @@ command the mean over a tick is exact for any D; valid for a delay that does not
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import final
 
 import numpy as np
 
@@ -22,10 +23,12 @@ from hd_control.drive.effect import (
     EffectParameter,
     FloatArray,
     IntArray,
+    Reference,
     Shape,
 )
 
 
+@final
 class ActuationDelay(Effect):
     """A pure delay of the motor torque."""
 
@@ -38,6 +41,10 @@ class ActuationDelay(Effect):
     confusions = (
         Confusion("rotor_inertia", "chirp of the motor torque to 40 Hz or more with the joint locked"),
         Confusion("structural_resonance", "chirp of the motor torque to 40 Hz or more with the joint locked"),
+    )
+    references = (
+        Reference({"delay": 0.5e-3}, {"motor_torque": [0.0, 1.0, 1.0]}, {MOTOR: [[0.0], [0.5], [0.0]]}),
+        Reference({"delay": 1e-3}, {"motor_torque": [0.0, 1.0, 1.0]}, {MOTOR: [[0.0], [1.0], [0.0]]}),
     )
 
     @classmethod

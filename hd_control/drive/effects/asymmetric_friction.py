@@ -8,6 +8,7 @@ Source: Zhu (3), (4) with c, k_vp, k_vn, equation sheet 1.2.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import final
 
 import numpy as np
 
@@ -20,10 +21,12 @@ from hd_control.drive.effect import (
     Effect,
     EffectParameter,
     FloatArray,
+    Reference,
     Shape,
 )
 
 
+@final
 class AsymmetricFriction(Effect):
     """An offset and a viscous part that do not change sign with the direction."""
 
@@ -39,6 +42,7 @@ class AsymmetricFriction(Effect):
     confusions = (
         Confusion("gauge_offset", "more than 90 degrees of joint angle, two mounting orientations, or an unloaded run"),
     )
+    references = (Reference({"viscous": True}, {"motor_velocity": -2.0}, {MOTOR: [[1.0, 2.0]]}),)
 
     @classmethod
     def shapes(cls, states: DriveStates) -> Sequence[Shape]:

@@ -7,7 +7,9 @@ Source: equation sheet 1.1 with a dead zone. Valid away from impacts.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from typing import final
 
 import numpy as np
 
@@ -18,10 +20,12 @@ from hd_control.drive.effect import (
     DriveStates,
     Effect,
     EffectParameter,
+    Reference,
     Shape,
 )
 
 
+@final
 class Backlash(Effect):
     """The torsion jumps by the gap when the torque changes its sign."""
 
@@ -43,6 +47,9 @@ class Backlash(Effect):
             "torsional_hysteresis",
             "output locked, slow torque ramps through zero: a loop that grows with amplitude is hysteresis",
         ),
+    )
+    references = (
+        Reference({"crossing_torque": 0.1}, {"joint_torque": [-3.0, 0.1]}, {TRANSMISSION: [[1.0], [-math.tanh(1.0)]]}),
     )
 
     @classmethod

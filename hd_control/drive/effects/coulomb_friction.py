@@ -7,9 +7,20 @@ Source: Zhu (3) without load, equation sheet 1.2. Valid outside presliding.
 
 from __future__ import annotations
 
-from hd_control.drive.effect import MOTOR, Columns, DriveStates, Effect, EffectParameter, Shape
+from typing import final
+
+from hd_control.drive.effect import (
+    MOTOR,
+    Columns,
+    DriveStates,
+    Effect,
+    EffectParameter,
+    Reference,
+    Shape,
+)
 
 
+@final
 class CoulombFriction(Effect):
     """k_c sgn(phi') resists the rotor."""
 
@@ -18,6 +29,7 @@ class CoulombFriction(Effect):
     evidence = "changes its sign with the direction and nothing else"
     parameters = (EffectParameter("coulomb_torque", "N m", "Coulomb friction, output side", low=0.0),)
     in_every_model = True
+    references = (Reference({}, {"motor_direction": -1.0}, {MOTOR: [[-1.0]]}),)
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

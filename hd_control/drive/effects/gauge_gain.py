@@ -8,6 +8,7 @@ Source: equation sheet 1.6, H(8), method sheet 4. In the transmission it hides i
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import final
 
 import numpy as np
 
@@ -21,10 +22,12 @@ from hd_control.drive.effect import (
     Effect,
     EffectParameter,
     FloatArray,
+    Reference,
     Shape,
 )
 
 
+@final
 class GaugeGain(Effect):
     """The bridge indicates a fixed multiple of the torque."""
 
@@ -42,6 +45,7 @@ class GaugeGain(Effect):
         ),
         Confusion("payload", "use the rotor balance as well, or record with another known mass"),
     )
+    references = (Reference({}, {"gauge_torque": 7.0}, {MOTOR: [[-7.0]], LINK: [[7.0]]}),)
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

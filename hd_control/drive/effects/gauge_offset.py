@@ -7,11 +7,24 @@ Source: equation sheet 1.6, method sheet 4. In the transmission it hides in the 
 
 from __future__ import annotations
 
+from typing import final
+
 import numpy as np
 
-from hd_control.drive.effect import LINK, MOTOR, Columns, Confusion, DriveStates, Effect, EffectParameter, Shape
+from hd_control.drive.effect import (
+    LINK,
+    MOTOR,
+    Columns,
+    Confusion,
+    DriveStates,
+    Effect,
+    EffectParameter,
+    Reference,
+    Shape,
+)
 
 
+@final
 class GaugeOffset(Effect):
     """A constant that the bridge adds to the torque."""
 
@@ -25,6 +38,7 @@ class GaugeOffset(Effect):
         ),
         Confusion("payload", "more than 90 degrees of joint angle: gravity follows the angle, an offset does not"),
     )
+    references = (Reference({}, {}, {MOTOR: [[-1.0]], LINK: [[1.0]]}),)
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

@@ -10,7 +10,9 @@ Source: equation sheet 1.6, H(9)-(13). Valid for a ripple that does not depend o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from typing import final
 
 import numpy as np
 
@@ -25,6 +27,7 @@ from hd_control.drive.effect import (
     Effect,
     EffectParameter,
     FloatArray,
+    Reference,
     Shape,
 )
 from hd_control.drive.shapes import harmonic_names, harmonics
@@ -32,6 +35,7 @@ from hd_control.drive.shapes import harmonic_names, harmonics
 ORDERS = (2, 4)
 
 
+@final
 class GaugeRipple(Effect):
     """A periodic error of the indicated torque."""
 
@@ -55,6 +59,17 @@ class GaugeRipple(Effect):
         ),
         Confusion(
             "kinematic_error", "slow run at several loads: kinematic torque grows with the load, ripple does not"
+        ),
+    )
+    references = (
+        Reference(  # 2 beta = 45 degrees
+            {"orders": (2,), "joint_turn": -1},
+            {"motor_position": math.pi / 8.0 + 0.3, "joint_position": 0.3, "torsional_compliance": 0.01},
+            {
+                MOTOR: [[-math.sqrt(0.5)] * 2],
+                LINK: [[math.sqrt(0.5)] * 2],
+                TRANSMISSION: [[0.01 * math.sqrt(0.5)] * 2],
+            },
         ),
     )
 

@@ -7,7 +7,9 @@ Source: method sheet 4. Identical to a transmission error of the same order.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from typing import final
 
 import numpy as np
 
@@ -20,6 +22,7 @@ from hd_control.drive.effect import (
     Effect,
     EffectParameter,
     FloatArray,
+    Reference,
     Shape,
 )
 from hd_control.drive.shapes import harmonic_names, harmonics
@@ -27,6 +30,7 @@ from hd_control.drive.shapes import harmonic_names, harmonics
 ORDERS = (1, 2)
 
 
+@final
 class JointSensorEccentricity(Effect):
     """A slow periodic error of the joint reading."""
 
@@ -41,6 +45,13 @@ class JointSensorEccentricity(Effect):
     confusions = (
         Confusion("kinematic_error", "a second output sensor, or the joint sensor re-mounted turned by 90 degrees"),
         Confusion("torsional_stiffness", "the same angles with another load: compliance follows the load"),
+    )
+    references = (
+        Reference(
+            {"orders": (1, 2)},
+            {"joint_position": math.pi / 6.0},
+            {TRANSMISSION: [[math.sqrt(0.75), 0.5, 0.5, math.sqrt(0.75)]]},
+        ),
     )
 
     @classmethod

@@ -9,7 +9,9 @@ error that depends neither on load nor on the joint angle.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from typing import final
 
 import numpy as np
 
@@ -23,6 +25,7 @@ from hd_control.drive.effect import (
     Effect,
     EffectParameter,
     FloatArray,
+    Reference,
     Shape,
 )
 from hd_control.drive.shapes import harmonic_names, harmonic_slopes, harmonics
@@ -30,6 +33,7 @@ from hd_control.drive.shapes import harmonic_names, harmonic_slopes, harmonics
 ORDERS = (1, 2, 3, 4)
 
 
+@final
 class KinematicError(Effect):
     """A periodic error of the joint angle with the rotor angle."""
 
@@ -44,6 +48,14 @@ class KinematicError(Effect):
     confusions = (
         Confusion("motor_cogging", "several loads: kinematic torque grows with the joint torque, cogging does not"),
         Confusion("gauge_ripple", "slow run with the link channel, or unpowered back-driving: gauge ripple stays"),
+    )
+    references = (
+        Reference(  # 2 theta = 45 degrees
+            {"orders": (2,)},
+            {"gear_ratio": 100.0, "motor_position": math.pi / 800.0, "joint_torque": 10.0},
+            {TRANSMISSION: [[math.sqrt(0.5)] * 2], MOTOR: [[-2000.0 * math.sqrt(0.5), 2000.0 * math.sqrt(0.5)]]},
+            1e-9,
+        ),
     )
 
     @classmethod

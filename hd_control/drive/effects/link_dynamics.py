@@ -9,12 +9,24 @@ Source: equation sheet 1.1. Valid for rigid links.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import final
 
 import numpy as np
 
-from hd_control.drive.effect import LINK, Columns, Context, DriveStates, Effect, EffectParameter, FloatArray, Shape
+from hd_control.drive.effect import (
+    LINK,
+    Columns,
+    Context,
+    DriveStates,
+    Effect,
+    EffectParameter,
+    FloatArray,
+    Reference,
+    Shape,
+)
 
 
+@final
 class LinkDynamics(Effect):
     """M q'' + b resists the link; the numbers of a single joint are read by `drive.link`."""
 
@@ -32,6 +44,7 @@ class LinkDynamics(Effect):
         ),
     )
     in_every_model = True
+    references = (Reference({}, {"link_inertia_torque": 4.0, "link_bias_torque": -5.0}, {LINK: [[4.0, -5.0]]}),)
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ Source: method sheet 4. The sign is smoothed over `STANDSTILL`; valid outside pr
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import final
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from hd_control.drive.effect import (
     Effect,
     EffectParameter,
     FloatArray,
+    Reference,
     Shape,
 )
 
@@ -28,6 +30,7 @@ STANDSTILL = 2e-3
 TERMS = ("link_coulomb", "link_viscous")
 
 
+@final
 class LinkFriction(Effect):
     """Coulomb and viscous friction of the link."""
 
@@ -42,6 +45,7 @@ class LinkFriction(Effect):
         Confusion("gauge_gain", "constant speeds in both directions: friction stays, a gain error follows the load"),
         Confusion("torsional_hysteresis", "output locked, slow torque ramps: hysteresis stays, link friction goes"),
     )
+    references = (Reference({"terms": TERMS}, {"joint_velocity": -1.0}, {LINK: [[-1.0, -1.0]]}),)
 
     @classmethod
     def shapes(cls, states: DriveStates) -> Sequence[Shape]:

@@ -8,6 +8,7 @@ Source: Zhu (3), equation sheet 1.2. Valid outside presliding.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import final
 
 import numpy as np
 
@@ -20,10 +21,12 @@ from hd_control.drive.effect import (
     Effect,
     EffectParameter,
     FloatArray,
+    Reference,
     Shape,
 )
 
 
+@final
 class LoadDependentFriction(Effect):
     """Friction proportional to the magnitude of the joint torque."""
 
@@ -37,6 +40,10 @@ class LoadDependentFriction(Effect):
     confusions = (
         Confusion("torque_constant_error", "both signs of speed at both signs of torque, driving and back-driving"),
         Confusion("gauge_gain", "known mass at two poses: gravity fixes the gauge in the link channel"),
+    )
+    references = (
+        Reference({"order": 2}, {"motor_direction": -1.0, "joint_torque": -4.0}, {MOTOR: [[-4.0, -16.0]]}),
+        Reference({"order": 1}, {"motor_direction": 1.0, "joint_torque": -4.0}, {MOTOR: [[4.0]]}),
     )
 
     @classmethod

@@ -7,7 +7,9 @@ Source: method sheet 4. n is a whole number of slots or pole pairs per turn. Val
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from typing import final
 
 import numpy as np
 
@@ -20,6 +22,7 @@ from hd_control.drive.effect import (
     Effect,
     EffectParameter,
     FloatArray,
+    Reference,
     Shape,
 )
 from hd_control.drive.shapes import harmonics
@@ -28,6 +31,7 @@ ORDERS = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 14, 15, 16, 18, 20, 21, 24, 28, 30,
 """Common pole pairs and slots per rotor turn."""
 
 
+@final
 class MotorCogging(Effect):
     """A torque wave over the rotor angle."""
 
@@ -43,6 +47,7 @@ class MotorCogging(Effect):
         Confusion("gauge_ripple", "slow run with the link channel, or unpowered back-driving: gauge ripple stays"),
         Confusion("kinematic_error", "several loads: kinematic torque grows with the joint torque, cogging does not"),
     )
+    references = (Reference({"cogging_order": 6}, {"motor_position": math.pi / 12.0}, {MOTOR: [[0.0, -1.0]]}),)
 
     @classmethod
     def shapes(cls, states: DriveStates) -> Sequence[Shape]:

@@ -9,7 +9,9 @@ Source: equation sheet 1.1 (m1, m2), G(5). The law is inverted, for a column tau
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from typing import final
 
 import numpy as np
 
@@ -22,6 +24,7 @@ from hd_control.drive.effect import (
     Effect,
     EffectParameter,
     FloatArray,
+    Reference,
     Shape,
 )
 
@@ -38,6 +41,7 @@ def _inverse(x: FloatArray, r: float) -> FloatArray:
     return np.asarray(width * np.sin(np.arcsin(np.clip(3.0 * x / width, -1.0, 1.0)) / 3.0))
 
 
+@final
 class NonlinearStiffness(Effect):
     """Cubic hardening or a soft zone around zero torque."""
 
@@ -57,6 +61,14 @@ class NonlinearStiffness(Effect):
             "output locked, slow torque ramps through zero, three amplitudes: a flat part at zero torque is backlash",
         ),
         Confusion("torsional_hysteresis", "output locked, slow torque ramps up and down: no loop is stiffness"),
+    )
+    references = (
+        Reference(  # y + y^3 = 2 has y = 1
+            {"form": HARDENING, "hardening": 1.0, "scale": 1.0},
+            {"joint_torque": [2.0, -2.0]},
+            {TRANSMISSION: [[1.0], [-1.0]]},
+        ),
+        Reference({"form": WINDUP, "torque": 3.0}, {"joint_torque": 3.0}, {TRANSMISSION: [[-math.tanh(1.0)]]}),
     )
 
     @classmethod

@@ -10,7 +10,9 @@ the inertial parameters), method sheet 4. Valid for a rigid body.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from typing import final
 
 import numpy as np
 
@@ -23,6 +25,7 @@ from hd_control.drive.effect import (
     Effect,
     EffectParameter,
     FloatArray,
+    Reference,
     Shape,
 )
 
@@ -40,6 +43,7 @@ INDEPENDENT = 0.02
 ROWS = 3000
 
 
+@final
 class Payload(Effect):
     """An added rigid body, or a wrong gravity term of a single joint."""
 
@@ -59,6 +63,14 @@ class Payload(Effect):
         Confusion("gauge_gain", "use the rotor balance as well, or record with another known mass"),
         Confusion("gauge_offset", "more than 90 degrees of joint angle: gravity follows the angle, an offset does not"),
         Confusion("structural_resonance", "chirp with at least 5 s between 8 and 40 Hz: inertia adds no peak"),
+    )
+    references = (
+        Reference({"terms": GRAVITY}, {"joint_position": math.pi / 6.0}, {LINK: [[math.sqrt(0.75), 0.5]]}),
+        Reference(
+            {"terms": ("tool_mass", "tool_inertia_zz")},
+            {"tool_regressor": [[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0]]},
+            {LINK: [[1.0, 10.0]]},
+        ),
     )
 
     @classmethod

@@ -8,7 +8,9 @@ k equal to the Coulomb torque, H takes the place of the sign.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from typing import final
 
 import numpy as np
 
@@ -21,11 +23,13 @@ from hd_control.drive.effect import (
     EffectParameter,
     FloatArray,
     IntArray,
+    Reference,
     Shape,
 )
 from hd_control.drive.shapes import approach, approach_step
 
 
+@final
 class Presliding(Effect):
     """Friction is missing right after a reversal and returns with travel."""
 
@@ -37,6 +41,13 @@ class Presliding(Effect):
         EffectParameter("presliding_torque", "N m", "friction that builds up"),
     )
     confusions = (Confusion("stribeck_friction", "reversals of 0.1 to 3 mrad amplitude at less than 10 mrad/s"),)
+    references = (
+        Reference(  # one relaxation length of travel
+            {"presliding_distance": 1e-3},
+            {"motor_position": [0.0, 1e-3], "motor_direction": 1.0},
+            {MOTOR: [[-1.0], [-math.exp(-1.0)]]},
+        ),
+    )
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

@@ -7,6 +7,8 @@ Source: equation sheet 1.2 extended, method sheet 4.
 
 from __future__ import annotations
 
+from typing import final
+
 import numpy as np
 
 from hd_control.drive.effect import (
@@ -16,10 +18,12 @@ from hd_control.drive.effect import (
     DriveStates,
     Effect,
     EffectParameter,
+    Reference,
     Shape,
 )
 
 
+@final
 class QuadraticDrag(Effect):
     """c v |v| resists the rotor."""
 
@@ -30,6 +34,7 @@ class QuadraticDrag(Effect):
     confusions = (
         Confusion("stribeck_friction", "constant-speed plateaus in both directions, log-spaced over 2.5 decades"),
     )
+    references = (Reference({}, {"motor_velocity": -2.0}, {MOTOR: [[-4.0]]}),)
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

@@ -7,9 +7,20 @@ Source: Zhu (2), equation sheet 1.1. Valid for a rigid motor shaft.
 
 from __future__ import annotations
 
-from hd_control.drive.effect import MOTOR, Columns, DriveStates, Effect, EffectParameter, Shape
+from typing import final
+
+from hd_control.drive.effect import (
+    MOTOR,
+    Columns,
+    DriveStates,
+    Effect,
+    EffectParameter,
+    Reference,
+    Shape,
+)
 
 
+@final
 class RotorInertia(Effect):
     """I* phi'' resists the rotor."""
 
@@ -18,6 +29,7 @@ class RotorInertia(Effect):
     evidence = "grows with the motor acceleration"
     parameters = (EffectParameter("rotor_inertia", "kg m^2", "rotor inertia, output side", low=0.0),)
     in_every_model = True
+    references = (Reference({}, {"motor_acceleration": -3.0}, {MOTOR: [[-3.0]]}),)
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

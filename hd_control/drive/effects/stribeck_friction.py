@@ -7,7 +7,9 @@ Source: equation sheet 1.2 (Stribeck factor of Zhu (3)). Valid outside preslidin
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from typing import final
 
 import numpy as np
 
@@ -20,10 +22,12 @@ from hd_control.drive.effect import (
     Effect,
     EffectParameter,
     FloatArray,
+    Reference,
     Shape,
 )
 
 
+@final
 class StribeckFriction(Effect):
     """Extra friction below the Stribeck speed."""
 
@@ -37,6 +41,13 @@ class StribeckFriction(Effect):
     confusions = (
         Confusion("quadratic_drag", "constant-speed plateaus in both directions, log-spaced over 2.5 decades"),
         Confusion("presliding", "reversals of 0.1 to 3 mrad at less than 10 mrad/s"),
+    )
+    references = (
+        Reference(
+            {"stribeck_velocity": 0.1},
+            {"motor_velocity": -0.1, "motor_direction": -1.0},
+            {MOTOR: [[-math.exp(-1.0)]]},
+        ),
     )
 
     @classmethod

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from typing import final
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from hd_control.drive.effect import (
     EffectParameter,
     FloatArray,
     IntArray,
+    Reference,
     Shape,
 )
 from hd_control.drive.shapes import held
@@ -32,6 +34,7 @@ FREQUENCIES = (9.0, 11.0, 13.0, 15.5, 18.0, 21.0, 24.0, 27.0, 31.0, 36.0)
 DAMPINGS = (0.02, 0.05, 0.12)
 
 
+@final
 class StructuralResonance(Effect):
     """A hanging inertia that answers late and amplified near its frequency."""
 
@@ -46,6 +49,11 @@ class StructuralResonance(Effect):
     confusions = (
         Confusion("payload", "chirp with at least 5 s between 8 and 40 Hz: inertia adds no peak"),
         Confusion("link_friction", "constant speeds: friction stays, a resonance is silent"),
+    )
+    references = (
+        Reference(  # a constant load moves nothing
+            {"frequency": 20.0, "damping_ratio": 0.05}, {"joint_torque": [5.0, 5.0, 5.0]}, {LINK: [[0.0]] * 3}, 1e-9
+        ),
     )
 
     @classmethod

@@ -9,6 +9,7 @@ grease's.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import final
 
 import numpy as np
 
@@ -21,10 +22,12 @@ from hd_control.drive.effect import (
     Effect,
     EffectParameter,
     FloatArray,
+    Reference,
     Shape,
 )
 
 
+@final
 class TemperatureFriction(Effect):
     """Viscous (and Coulomb) friction proportional to temperature."""
 
@@ -39,6 +42,13 @@ class TemperatureFriction(Effect):
     confusions = (
         Confusion("viscous_friction", "warm-up and cool-down in one recording, so that temperature is not time"),
         Confusion("coulomb_friction", "warm-up and cool-down in one recording, so that temperature is not time"),
+    )
+    references = (
+        Reference(
+            {"coulomb": True, "reference_temperature": 25.0},
+            {"temperature": 35.0, "motor_velocity": 0.5, "motor_direction": 1.0},
+            {MOTOR: [[5.0, 10.0]]},
+        ),
     )
 
     @classmethod

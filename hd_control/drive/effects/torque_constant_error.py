@@ -7,9 +7,21 @@ Source: method sheet 4, equation sheet 1.5. Valid for an error that depends neit
 
 from __future__ import annotations
 
-from hd_control.drive.effect import MOTOR, Columns, Confusion, DriveStates, Effect, EffectParameter, Shape
+from typing import final
+
+from hd_control.drive.effect import (
+    MOTOR,
+    Columns,
+    Confusion,
+    DriveStates,
+    Effect,
+    EffectParameter,
+    Reference,
+    Shape,
+)
 
 
+@final
 class TorqueConstantError(Effect):
     """A relative error of the motor torque."""
 
@@ -23,6 +35,7 @@ class TorqueConstantError(Effect):
         Confusion("gauge_gain", "a known mass at two poses: known gravity fixes the gauge in the link channel"),
         Confusion("load_dependent_friction", "both signs of speed at both signs of torque, driving and back-driving"),
     )
+    references = (Reference({}, {"motor_torque": 7.0}, {MOTOR: [[-7.0]]}),)
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

@@ -10,7 +10,9 @@ Source: equation sheet 1.4. Valid for a linear elastic part and a hysteresis tha
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from typing import final
 
 import numpy as np
 
@@ -24,6 +26,7 @@ from hd_control.drive.effect import (
     EffectParameter,
     FloatArray,
     IntArray,
+    Reference,
     Shape,
 )
 from hd_control.drive.shapes import approach, approach_step
@@ -34,6 +37,7 @@ FIRST_STIFFENING = 0.2
 """p of the first guess of every shape."""
 
 
+@final
 class TorsionalHysteresis(Effect):
     """A rate-independent lag of the torsion behind the torque."""
 
@@ -59,6 +63,18 @@ class TorsionalHysteresis(Effect):
             "output locked, slow torque ramps through zero: a flat part at zero torque is backlash, a loop hysteresis",
         ),
         Confusion("link_friction", "output locked, slow torque ramps: hysteresis stays, link friction goes"),
+    )
+    references = (
+        Reference(  # one relaxation length up, one back
+            {"torque_rate": 0.2, "stiffening": 0.0},
+            {"joint_torque": [0.0, 5.0, 0.0]},
+            {TRANSMISSION: [[0.0], [1.0 - math.exp(-1.0)], [-1.0 + (2.0 - math.exp(-1.0)) * math.exp(-1.0)]]},
+        ),
+        Reference(  # y = 1 - H from ln y + y = 1 - travel: y = 1/2 at 1/2 + ln 2
+            {"torque_rate": 1.0, "stiffening": 1.0},
+            {"joint_torque": [0.0, 0.5 + math.log(2.0)]},
+            {TRANSMISSION: [[0.0], [0.5]]},
+        ),
     )
 
     @classmethod

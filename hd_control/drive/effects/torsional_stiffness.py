@@ -8,6 +8,7 @@ Source: Zhu (1), equation sheet 1.1 (k_f, d), to first order in d. Valid for tor
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import final
 
 import numpy as np
 
@@ -19,10 +20,12 @@ from hd_control.drive.effect import (
     Effect,
     EffectParameter,
     FloatArray,
+    Reference,
     Shape,
 )
 
 
+@final
 class TorsionalStiffness(Effect):
     """The joint lags behind the motor in proportion to torque."""
 
@@ -35,6 +38,7 @@ class TorsionalStiffness(Effect):
         EffectParameter("transmission_zero", "rad", "joint angle - motor angle without torque", default=0.0),
     )
     in_every_model = True
+    references = (Reference({}, {"joint_torque": 10.0, "joint_torque_rate": 2.0}, {TRANSMISSION: [[-10.0, 2.0, 1.0]]}),)
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

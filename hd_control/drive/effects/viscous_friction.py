@@ -7,9 +7,20 @@ Source: Zhu (4), equation sheet 1.2.
 
 from __future__ import annotations
 
-from hd_control.drive.effect import MOTOR, Columns, DriveStates, Effect, EffectParameter, Shape
+from typing import final
+
+from hd_control.drive.effect import (
+    MOTOR,
+    Columns,
+    DriveStates,
+    Effect,
+    EffectParameter,
+    Reference,
+    Shape,
+)
 
 
+@final
 class ViscousFriction(Effect):
     """k_v phi' resists the rotor."""
 
@@ -18,6 +29,7 @@ class ViscousFriction(Effect):
     evidence = "grows in proportion to the motor speed"
     parameters = (EffectParameter("viscous", "N m s", "viscous friction, output side", low=0.0),)
     in_every_model = True
+    references = (Reference({}, {"motor_velocity": 0.5}, {MOTOR: [[0.5]]}),)
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:
