@@ -103,6 +103,8 @@ class _Composer:
         while type(event := next(self.events)).__name__ != "MappingEndEvent":
             if type(event).__name__ != "ScalarEvent":
                 self.refuse(event, "a key must be text", parent)
+            if event.anchor is not None or event.tag not in (None, "!"):
+                self.refuse(event, "anchors and tags are not allowed on keys", parent)
             key = str(event.value)
             if key == "<<":
                 self.refuse(event, "merge keys are not allowed", parent)

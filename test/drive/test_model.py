@@ -1,0 +1,177 @@
+"""Model files: what is read is what was written, and a wrong file is named by line and key."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drive.drive_cases import EXAMPLES, moving
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hd_control.core.errors import ConfigError
+from hd_control.drive.expression import Expression, Table
+from hd_control.drive.model import JointModel, Model, ModelValue, model_from_urdf
+from hd_control.drive.model_text import model_text, number
+from hd_control.drive.model_yaml import load_model, parse_model, save_model
+from hd_sim.plant_config import PlantConfig
+from hd_sim.truth import nominal
+
+TEXT = """
+schema: hd.model/1
+joints:
+  shoulder:
+    gear_ratio: 120
+    rated_torque: 402
+    effects:
+      - link_dynamics: {inertia: 40, gravity_sine: -120.0}
+      - kinematic_error: {cosine_2: 1e-5, sine_2: {value: 1e-5, unit: rad, source: fitted, interval: [-1e-5, 2e-5]}}
+      - coulomb_friction: {coulomb_torque: {value: 24, low: 20, high: 30}}
+      - expression: {name: cable, channel: link_torque, formula: "c * sin(1.5*joint_position)", parameters: {c: 3.0}}
+provenance: {command: hd add, bags: [{path: a b, sha256: 00ff}]}
+"""
+
+
+def test_every_form_of_every_effect_survives() -> None:
+    for name, many in EXAMPLES.items():
+        for values in many:
+            full = {
+                p: ModelValue(v, source="fitted", interval=(v - 1.0 / 3.0, v + 1e-17), low=-1e300, high=1e300)
+                for p, v in values.items()
+            }
+            text = model_text(Model(None, {"joint_1": JointModel(100.0, None, {name: full})}))
+            again = parse_model(text)
+            assert model_text(again) == text
+            assert again.joints["joint_1"].numbers(name) == values
+            value = next(iter(again.joints["joint_1"].effects[name].values()))
+            original = next(iter(full.values()))
+            assert (value.interval, value.source, value.low) == (original.interval, "fitted", -1e300)
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_numbers_are_exact_and_numbers_for_every_reader(value: float) -> None:
+    import yaml
+
+    text = number(value)
+    assert float(text) == value
+    assert yaml.safe_load(text) == value, "also for readers of the older YAML"
+
+
+def test_the_written_file_is_its_own_hash(tmp_path: Path) -> None:
+    written = save_model(parse_model(TEXT), tmp_path / "m.yaml", {"command": "hd add x", "program": "hd_control 0.1.0"})
+    again = load_model(tmp_path / "m.yaml")
+    assert again == written
+    assert again.sha256 == hashlib.sha256((tmp_path / "m.yaml").read_bytes()).hexdigest()
+    assert again.provenance["command"] == "hd add x"
+
+
+def test_nothing_is_overwritten_without_force(tmp_path: Path) -> None:
+    path = tmp_path / "m.yaml"
+    path.write_text("mine")
+    with pytest.raises(ConfigError, match="--force"):
+        save_model(parse_model(TEXT), path)
+    assert path.read_text() == "mine"
+    save_model(parse_model(TEXT), path, force=True)
+    assert load_model(path).joints["shoulder"].number("link_dynamics", "inertia") == 40.0
+
+
+def test_expressions_survive() -> None:
+    table = Table("joint_position", (0.0, 0.5, 1.0), "sign")
+    joint = JointModel(100.0).with_effect(
+        "bump",
+        {f"value_{i + 1}": ModelValue(v, "N m", source="fitted") for i, v in enumerate((0.0, 1e-3, -2.0))},
+        Expression("bump", {"motor_torque": -1.0, "link_torque": 1.0}, table=table),
+    )
+    model = Model(None, {"a": joint})
+    assert parse_model(model_text(model)) == model
+    states = moving(800)
+    (effect, shape, coefficients) = model.joints["a"].terms()[0]
+    column = effect.columns(states, shape)["link_torque"] @ coefficients
+    expected = np.interp(states.joint_position, [0, 0.5, 1], [0, 1e-3, -2.0], left=0, right=0) * states.motor_direction
+    np.testing.assert_allclose(column, expected, atol=1e-12)
+    np.testing.assert_allclose(effect.columns(states, shape)["motor_torque"] @ coefficients, -expected, atol=1e-12)
+
+
+def test_a_formula_is_its_value() -> None:
+    states = moving(400)
+    effect, shape, coefficients = parse_model(TEXT).joints["shoulder"].terms()[3]
+    column = effect.columns(states, shape)["link_torque"] @ coefficients
+    np.testing.assert_allclose(column, 3.0 * np.sin(1.5 * states.joint_position), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "formula",
+    [
+        "__import__('os').system('true')", "c.real", "[c]", "c**100", "c**c", "lambda: c", "open(c)", "sin", "sin(1,2)",
+        "(1).__class__", "'a'", "c if c else 2", "c := 3", "c = 3", "sin(c", "c and c", "c < 2", "True", "f'{c}'",
+        "min(c)", "sin(*[c])", "sin(x=c)", "c @ c", "~c", "{}", "9**9**9", "+".join(["c"] * 300), "(" * 300,
+    ],
+)  # fmt: skip
+def test_no_formula_is_code(formula: str) -> None:
+    text = TEXT.replace('"c * sin(1.5*joint_position)"', repr(formula).replace("\\'", "''"))
+    with pytest.raises(ConfigError):
+        parse_model(text)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("gear_ratio: 120", "gear_ratio: -120", "gear_ratio -120"),
+        ("gear_ratio: 120", "gear_ratio: fast", "is not a number"),
+        ("rated_torque: 402", "rated_torque: 0", "rated_torque"),
+        ("unit: rad", "unit: deg", "unit 'deg' is not 'rad'"),
+        ("kinematic_error", "kinematc_error", "did you mean 'kinematic_error'"),
+        ("cosine_2", "cosin_2", "did you mean 'cosine_2'"),
+        ("source: fitted", "source: dream", "source 'dream'"),
+        ("inertia: 40", "inertia: -40", "outside"),
+        ("value: 24, low: 20", "value: 24, low: 25", "outside"),
+        ("interval: [-1e-5, 2e-5]", "interval: [2e-5, -1e-5]", "is above"),
+        ("interval: [-1e-5, 2e-5]", "interval: 3", "expected [low, high]"),
+        ("hd.model/1", "hd.model/2", "is not hd.model/1"),
+        ("coulomb_friction: {coulomb_torque: {value: 24, low: 20, high: 30}}", "coulomb_friction: {}", "missing"),
+        ("coulomb_friction: {coulomb_torque: {value: 24, low: 20, high: 30}}", "backlash: {half_gap: 1}", "crossing"),
+        ("channel: link_torque", "channel: torque", "is not one of"),
+        ("name: cable", "name: 2cable", "plain word"),
+        ("      - coulomb_friction", "      - link_dynamics: {}\n      - coulomb_friction", "twice"),
+        ("    rated_torque: 402", "    rated_torque: 402\n    rated_torque: 403", "duplicate key"),
+        ("  shoulder:", "  &a shoulder:", "anchors"),
+        ("schema: hd.model/1", "schema: hd.model/1\nphysics: true", "unknown key 'physics'"),
+    ],
+)
+def test_a_wrong_file_is_named(old: str, new: str, words: str) -> None:
+    assert old in TEXT
+    with pytest.raises(ConfigError) as error:
+        parse_model(TEXT.replace(old, new), "m.yaml")
+    message = str(error.value)
+    assert words in message and "m.yaml" in message and "\n" not in message
+
+
+def test_a_missing_file_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"m\.yaml: no such file"):
+        load_model(tmp_path / "m.yaml")
+
+
+@pytest.mark.parametrize("name", ["arm_a", "single_joint_3"])
+def test_shipped_models_are_the_nominal_plants(name: str) -> None:
+    model, plant = load_model(name), nominal(PlantConfig.from_file(name))
+    robot = model.robot_description()
+    assert robot is not None and robot.joint_names == plant.robot.joint_names == tuple(model.joints)
+    for j, joint in enumerate(model.joints.values()):
+        stiffness = plant.drives["stiffness_linear"][j]
+        assert joint.gear_ratio == plant.drives["gear_ratio"][j]
+        assert joint.rated_torque == plant.drives["rated_torque"][j]
+        assert joint.number("rotor_inertia", "rotor_inertia") == plant.drives["rotor_inertia"][j]
+        assert joint.number("torsional_stiffness", "torsional_stiffness") == stiffness
+        damping = joint.number("torsional_stiffness", "damping_time") * stiffness
+        assert damping == pytest.approx(plant.drives["torsional_damping"][j], rel=1e-12)
+        assert joint.number("coulomb_friction", "coulomb_torque") == plant.drives["coulomb_torque"][j]
+        assert joint.number("viscous_friction", "viscous") == plant.drives["viscous_positive"][j]
+        assert {v.source for effect in joint.effects.values() for v in effect.values()} == {"datasheet"}
+
+
+def test_a_first_model_from_a_description() -> None:
+    model = model_from_urdf("arm_a", {"joint_1": 120.0, "joint_7": 160.0})
+    assert list(model.joints) == ["joint_1", "joint_7"]
+    assert parse_model(model_text(model)) == model
