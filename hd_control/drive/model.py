@@ -7,7 +7,7 @@ joint.effects["coulomb_friction"]["coulomb_torque"].value
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -86,12 +86,13 @@ class JointModel:
 class Model:
     """A robot's model. `robot`: a URDF file (relative to `folder`), a shipped robot's name, URDF text, or None.
 
-    `provenance`: `command`, `program` and `bags` (`path`, `sha256`) that made the file. `folder`: where the file lies.
+    `provenance`: the steps that made the file, oldest first, each with `command`, `program` and `bags` (`path`,
+    `sha256`). `folder`: where the file lies.
     """
 
     robot: str | None
     joints: Mapping[str, JointModel]
-    provenance: Mapping[str, Any] = field(default_factory=dict)
+    provenance: Sequence[Mapping[str, Any]] = ()
     folder: Path | None = field(default=None, compare=False)
 
     @property
@@ -109,16 +110,28 @@ class Model:
             raise ConfigError(f"the model has no joint {name!r}; it has {', '.join(self.joints)}")
         return self.joints[name]
 
+    def with_effect(
+        self, joint: str, name: str, values: Mapping[str, ModelValue], expression: Expression | None = None
+    ) -> Model:
+        """A copy in which one joint has an effect added or replaced. Raises ConfigError for an unknown joint."""
+        changed = self.joint(joint).with_effect(name, values, expression)
+        return replace(self, joints={**self.joints, joint: changed})
+
     def robot_description(self) -> Robot | None:
         """The robot, None if the model names none. Raises RobotError or ConfigError."""
         from hd_control.core.robot import Robot
 
         if self.robot is None:
             return None
-        if self.robot.lstrip().startswith("<"):
+        if is_urdf_text(self.robot):
             return Robot.from_urdf(self.robot)
         beside = (self.folder or Path()) / self.robot
         return Robot.from_file(str(beside) if beside.is_file() else self.robot)
+
+
+def is_urdf_text(robot: str) -> bool:
+    """Is it the description itself, not the name of a file?"""
+    return robot.lstrip().startswith("<")
 
 
 def model_from_urdf(robot: str, gear_ratios: Mapping[str, float] | float) -> Model:

@@ -6,9 +6,10 @@ import json
 import math
 import re
 from collections.abc import Mapping
+from typing import Any
 
 from hd_control.drive.expression import Expression
-from hd_control.drive.model import JointModel, Model, ModelValue
+from hd_control.drive.model import JointModel, Model, ModelValue, is_urdf_text
 
 _PLAIN = re.compile(r"[A-Za-z_][\w./\-+^*() ]*(?<! )$")
 _RESERVED = {"true", "false", "null", "yes", "no", "on", "off", "y", "n"}
@@ -18,17 +19,35 @@ def model_text(model: Model) -> str:
     """YAML of schema hd.model/1 that `drive/model_yaml.py` reads back to an equal model."""
     lines = ["schema: hd.model/1"]
     if model.robot is not None:
-        lines.append(f"robot: {word(model.robot)}")
+        lines += _robot_lines(model.robot)
     lines.append("joints:")
     for name, joint in model.joints.items():
         lines += [f"  {word(name)}:", *_joint_lines(joint)]
     if model.provenance:
         lines.append("provenance:")
-        lines += [f"  {key}: {word(str(value))}" for key, value in model.provenance.items() if key != "bags"]
-        if bags := model.provenance.get("bags"):
-            lines.append("  bags:")
-            lines += [f"    - {{path: {word(str(b['path']))}, sha256: {word(str(b['sha256']))}}}" for b in bags]
+        lines += [line for step in model.provenance for line in _step_lines(step)]
     return "\n".join(lines) + "\n"
+
+
+def _robot_lines(robot: str) -> list[str]:
+    """A file by name; a description as block text if that reads back exactly, else quoted."""
+    if not is_urdf_text(robot):
+        return [f"robot: {{urdf: {word(robot)}}}"]
+    body = robot.removesuffix("\n")
+    plain = not body.endswith("\n") and body[0] == "<" and body.replace("\n", "").replace("\t", "").isprintable()
+    if not plain:
+        return ["robot:", f"  urdf_text: {json.dumps(robot)}"]
+    mark = "|" if robot.endswith("\n") else "|-"
+    return ["robot:", f"  urdf_text: {mark}", *(f"    {line}" if line else "" for line in body.split("\n"))]
+
+
+def _step_lines(step: Mapping[str, Any]) -> list[str]:
+    """One step of the provenance."""
+    lines = [f"{key}: {word(str(value))}" for key, value in step.items() if key != "bags"]
+    if bags := step.get("bags"):
+        lines.append("bags:")
+        lines += [f"  - {{path: {word(str(bag['path']))}, sha256: {word(str(bag['sha256']))}}}" for bag in bags]
+    return [f"  {'- ' if i == 0 else '  '}{line}" for i, line in enumerate(lines)]
 
 
 def _joint_lines(joint: JointModel) -> list[str]:

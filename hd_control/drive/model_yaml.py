@@ -14,7 +14,7 @@ from hd_control.core.errors import ConfigError
 from hd_control.core.strict_yaml import expect_keys, parse_yaml
 from hd_control.drive.effect import Context, Effect, EffectParameter
 from hd_control.drive.expression import Expression, Table
-from hd_control.drive.model import SOURCES, JointModel, Model, ModelValue
+from hd_control.drive.model import SOURCES, JointModel, Model, ModelValue, is_urdf_text
 from hd_control.drive.model_text import model_text
 
 SCHEMA = "hd.model/1"
@@ -42,23 +42,44 @@ def parse_model(data: bytes | str, where: str = "<model>", folder: Path | None =
     table = expect_keys(parse_yaml(data, where), where, ["schema", "joints"], ["robot", "provenance"])
     if table["schema"] != SCHEMA:
         raise ConfigError(f"{where}: schema {table['schema']!r} is not {SCHEMA}")
-    robot = table.get("robot")
-    if robot is not None and not isinstance(robot, str):
-        raise ConfigError(f"{where}: robot: {robot!r} is not a file name")
     joints = table["joints"]
     if not isinstance(joints, Mapping) or not joints:
         raise ConfigError(f"{where}: joints: expected joint names with their models")
     found = {str(name): _joint(value, f"{where}: {name}") for name, value in joints.items()}
-    return Model(robot, found, _provenance(table.get("provenance"), where), folder)
+    return Model(_robot(table.get("robot"), where), found, _provenance(table.get("provenance"), where), folder)
+
+
+def _robot(given: Any, where: str) -> str | None:
+    """File name, shipped name or URDF text; a bare text is a file name."""
+    if given is None or isinstance(given, str):
+        return given
+    table = expect_keys(given, f"{where}: robot", (), ["urdf", "urdf_text"])
+    if len(table) != 1:
+        raise ConfigError(f"{where}: robot: give either urdf (a file) or urdf_text")
+    (key, text), *_ = table.items()
+    if not isinstance(text, str) or not text.strip():
+        raise ConfigError(f"{_place(f'{where}: robot', table, key)}: {text!r:.60} is not text")
+    if is_urdf_text(text) != (key == "urdf_text"):
+        raise ConfigError(
+            f"{_place(f'{where}: robot', table, key)}: a file is given as urdf, a description as urdf_text"
+        )
+    return text
+
+
+def _place(where: str, table: Any, key: str) -> str:
+    """Where an entry stands: file, keys and, as far as known, line."""
+    line = getattr(table, "lines", {}).get(key)
+    return f"{where}: {key}" + (f" (line {line})" if line else "")
 
 
 def _joint(table: Any, where: str) -> JointModel:
     expect_keys(table, where, ["gear_ratio", "effects"], ["rated_torque"])
-    ratio, rated = _number(table["gear_ratio"], f"{where}: gear_ratio"), table.get("rated_torque")
+    at_ratio, at_rated = (_place(where, table, key) for key in ("gear_ratio", "rated_torque"))
+    ratio, rated = _number(table["gear_ratio"], at_ratio), table.get("rated_torque")
     if ratio <= 0.0:
-        raise ConfigError(f"{where}: gear_ratio {ratio:g} must be positive; a reversing gear is a sign of the encoder")
-    if rated is not None and _number(rated, f"{where}: rated_torque") <= 0.0:
-        raise ConfigError(f"{where}: rated_torque {rated:g} N m must be positive")
+        raise ConfigError(f"{at_ratio}: {ratio:g} must be positive; a reversing gear is a sign of the encoder")
+    if rated is not None and _number(rated, at_rated) <= 0.0:
+        raise ConfigError(f"{at_rated}: {rated:g} N m must be positive")
     if not isinstance(table["effects"], list):
         raise ConfigError(f"{where}: effects: expected a list of effects")
     effects: dict[str, Mapping[str, ModelValue]] = {}
@@ -84,8 +105,7 @@ def _item(item: Any, where: str) -> tuple[str, Mapping[str, Any], str]:
     if not isinstance(item, Mapping) or len(item) != 1:
         raise ConfigError(f"{where}: effects: {item!r:.60} is not one effect; write '- name: {{parameter: value}}'")
     name, values = next(iter(item.items()))
-    line = getattr(item, "lines", {}).get(name)
-    at = f"{where}: {name}" + (f" (line {line})" if line else "")
+    at = _place(where, item, name)
     if values is not None and not isinstance(values, Mapping):
         raise ConfigError(f"{at}: expected its parameters, got {values!r:.60}")
     return str(name), values or {}, at
@@ -101,7 +121,8 @@ def _effect(name: str, values: Mapping[str, Any], at: str, expression: Expressio
         raise ConfigError(f"{at}: {error}") from None
     known = {parameter.name: parameter for parameter in effect.parameters}
     expect_keys(values, at, (), list(known))
-    found = {key: _value(value, known[key], f"{at}: {key}") for key, value in values.items()}
+    bare = at.partition(" (line ")[0]
+    found = {key: _value(value, known[key], _place(bare, values, key)) for key, value in values.items()}
     if missing := _missing(effect, found):
         raise ConfigError(f"{at}: missing {', '.join(missing)}")
     return found
@@ -182,12 +203,15 @@ def _expression(given: Mapping[str, Any], at: str) -> tuple[Expression, Mapping[
     return replace(bare, units={key: unit for key, unit in units.items() if unit != bare.unit}), values
 
 
-def _provenance(given: Any, where: str) -> dict[str, Any]:
-    if given is None:
-        return {}
-    table = expect_keys(given, f"{where}: provenance", (), ["command", "program", "bags"])
-    bags = [dict(expect_keys(bag, f"{where}: bags", ["path", "sha256"])) for bag in table.get("bags") or []]
-    return {**{key: str(value) for key, value in table.items() if key != "bags"}, **({"bags": bags} if bags else {})}
+def _provenance(given: Any, where: str) -> tuple[dict[str, Any], ...]:
+    """The steps that made the file."""
+    steps = []
+    for step in _list(given if given is not None else [], f"{where}: provenance"):
+        table = expect_keys(step, f"{where}: provenance", (), ["command", "program", "bags"])
+        bags = [dict(expect_keys(bag, f"{where}: bags", ["path", "sha256"])) for bag in table.get("bags") or []]
+        words = {key: str(value) for key, value in table.items() if key != "bags"}
+        steps.append({**words, **({"bags": bags} if bags else {})})
+    return tuple(steps)
 
 
 def _list(given: Any, where: str) -> list[Any]:
@@ -207,17 +231,21 @@ def save_model(
 ) -> Model:
     """Writes the canonical text, whole or not at all, and returns the model as written. Raises ConfigError.
 
-    An existing file is replaced only with `force`. `provenance` takes the place of the model's own.
+    An existing file is replaced only with `force`. `provenance`: one more step. A robot description that does not lie
+    beside the new file, as the model names it, is written into it.
     """
     path = Path(path)
     if path.exists() and not force:
         raise ConfigError(f"{path}: exists; choose another name or use --force")
-    own = model.provenance if provenance is None else provenance
-    written = replace(model, folder=path.parent, provenance=dict(own))
+    steps = (*model.provenance, *([] if provenance is None else [dict(provenance)]))
+    written = replace(model, robot=_robot_for(model, path.parent), folder=path.parent, provenance=steps)
+    text = model_text(written)
+    if len(text.encode()) > MAX_BYTES:
+        raise ConfigError(f"{path}: the model would be larger than {MAX_BYTES} bytes; put its URDF beside it as a file")
     try:
         handle, partial = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
         with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as stream:
-            stream.write(model_text(written))
+            stream.write(text)
         mask = os.umask(0)
         os.umask(mask)
         os.chmod(partial, 0o666 & ~mask)
@@ -225,3 +253,19 @@ def save_model(
     except OSError as error:
         raise ConfigError(f"{path}: cannot write ({error.strerror})") from None
     return written
+
+
+def _robot_for(model: Model, folder: Path) -> str | None:
+    """How a model written to `folder` names its robot: the same file if that is found from there, else the text."""
+    robot = model.robot
+    if robot is None or is_urdf_text(robot):
+        return robot
+    here, there = (model.folder or Path()) / robot, folder / robot
+    try:
+        if not here.is_file() or (model.folder is None and there.is_file() and not Path(robot).is_absolute()):
+            return robot
+        text = here.read_bytes()
+        same = there.is_file() and there.read_bytes() == text
+        return robot if same and not Path(robot).is_absolute() else text.decode("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{here}: cannot read ({error})") from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hd_control.core.errors import ConfigError
+from hd_control.core.resources import config_path
+from hd_control.core.robot import Robot
 from hd_control.drive.expression import Expression, Table
 from hd_control.drive.model import JointModel, Model, ModelValue, model_from_urdf
 from hd_control.drive.model_text import model_text, number
@@ -30,7 +33,7 @@ joints:
       - kinematic_error: {cosine_2: 1e-5, sine_2: {value: 1e-5, unit: rad, source: fitted, interval: [-1e-5, 2e-5]}}
       - coulomb_friction: {coulomb_torque: {value: 24, low: 20, high: 30}}
       - expression: {name: cable, channel: link_torque, formula: "c * sin(1.5*joint_position)", parameters: {c: 3.0}}
-provenance: {command: hd add, bags: [{path: a b, sha256: 00ff}]}
+provenance: [{command: hd add, bags: [{path: a b, sha256: 00ff}]}]
 """
 
 
@@ -64,7 +67,55 @@ def test_the_written_file_is_its_own_hash(tmp_path: Path) -> None:
     again = load_model(tmp_path / "m.yaml")
     assert again == written
     assert again.sha256 == hashlib.sha256((tmp_path / "m.yaml").read_bytes()).hexdigest()
-    assert again.provenance["command"] == "hd add x"
+    assert [step["command"] for step in again.provenance] == ["hd add", "hd add x"], "the history grows"
+
+
+URDF = Robot.from_file("single_joint_3").urdf
+
+
+@pytest.mark.parametrize(
+    "text",
+    [URDF, URDF.rstrip(), URDF + "\n", URDF.replace("\n", "\r\n"), "\n  " + URDF, URDF.replace("  ", "\t"),
+     URDF.replace("<robot", "<!-- \u00e9\u2028\x85 -->\n\n \n<robot"), URDF.replace(">\n", ">  \n")],
+)  # fmt: skip
+def test_a_description_is_kept_letter_by_letter(text: str) -> None:
+    model = replace(parse_model(TEXT), robot=text)
+    assert parse_model(model_text(model)).robot == text
+    robot = model.robot_description()
+    assert robot is not None and robot.joint_names == ("joint_3",)
+
+
+def test_a_model_written_elsewhere_takes_its_robot_along(tmp_path: Path) -> None:
+    for folder in ("a", "b", "c"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "a" / "robot.urdf").write_text(URDF)
+    model = save_model(Model("robot.urdf", parse_model(TEXT).joints), tmp_path / "a" / "m.yaml")
+    assert load_model(tmp_path / "a" / "m.yaml").robot == "robot.urdf"
+    save_model(model, tmp_path / "b" / "m.yaml")
+    (tmp_path / "c" / "robot.urdf").write_text(URDF.replace("single", "another"))
+    save_model(model, tmp_path / "c" / "m.yaml")
+    (tmp_path / "a" / "robot.urdf").unlink()
+    for folder in ("b", "c"):
+        again = load_model(tmp_path / folder / "m.yaml")
+        assert again.robot == URDF, "alone, or beside another robot of that name"
+        robot = again.robot_description()
+        assert robot is not None and robot.urdf == URDF
+
+
+def test_a_shipped_robot_keeps_its_name(tmp_path: Path) -> None:
+    save_model(Model("arm_a", parse_model(TEXT).joints), tmp_path / "m.yaml")
+    again = load_model(tmp_path / "m.yaml")
+    robot = again.robot_description()
+    assert again.robot == "arm_a" and robot is not None and robot.joints == 7
+
+
+def test_an_effect_is_added_to_a_copy() -> None:
+    model = parse_model(TEXT)
+    more = model.with_effect("shoulder", "gauge_offset", {"gauge_offset": ModelValue(0.4, "N m", source="fitted")})
+    assert list(more.joints["shoulder"].effects) == [*model.joints["shoulder"].effects, "gauge_offset"]
+    assert more.sha256 != model.sha256 and "gauge_offset" not in model.joints["shoulder"].effects
+    with pytest.raises(ConfigError, match="it has shoulder"):
+        model.with_effect("elbow", "gauge_offset", {})
 
 
 def test_nothing_is_overwritten_without_force(tmp_path: Path) -> None:
@@ -118,7 +169,7 @@ def test_no_formula_is_code(formula: str) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("gear_ratio: 120", "gear_ratio: -120", "gear_ratio -120"),
+        ("gear_ratio: 120", "gear_ratio: -120", "gear_ratio (line 5): -120"),
         ("gear_ratio: 120", "gear_ratio: fast", "is not a number"),
         ("rated_torque: 402", "rated_torque: 0", "rated_torque"),
         ("unit: rad", "unit: deg", "unit 'deg' is not 'rad'"),
@@ -133,6 +184,11 @@ def test_no_formula_is_code(formula: str) -> None:
         ("coulomb_friction: {coulomb_torque: {value: 24, low: 20, high: 30}}", "coulomb_friction: {}", "missing"),
         ("coulomb_friction: {coulomb_torque: {value: 24, low: 20, high: 30}}", "backlash: {half_gap: 1}", "crossing"),
         ("channel: link_torque", "channel: torque", "is not one of"),
+        ("joints:", "robot: {urdf: a.urdf, urdf_text: <robot/>}\njoints:", "either urdf"),
+        ("joints:", "robot: {urdf: <robot/>}\njoints:", "robot: urdf (line 3)"),
+        ("joints:", "robot: {urdf_text: 3}\njoints:", "is not text"),
+        ("cosine_2: 1e-5", "cosine_2: fast", "shoulder: kinematic_error: cosine_2 (line 9): 'fast' is not a number"),
+        ("command: hd add", "comand: hd add", "did you mean 'command'"),
         ("name: cable", "name: 2cable", "plain word"),
         ("      - coulomb_friction", "      - link_dynamics: {}\n      - coulomb_friction", "twice"),
         ("    rated_torque: 402", "    rated_torque: 402\n    rated_torque: 403", "duplicate key"),
@@ -153,7 +209,10 @@ def test_a_missing_file_is_one_line(tmp_path: Path) -> None:
         load_model(tmp_path / "m.yaml")
 
 
-@pytest.mark.parametrize("name", ["arm_a", "single_joint_3"])
+@pytest.mark.parametrize(
+    "name",
+    sorted(path.stem for path in config_path("plant").glob("*_*.yaml") if path.stem.startswith(("arm", "single"))),
+)
 def test_shipped_models_are_the_nominal_plants(name: str) -> None:
     model, plant = load_model(name), nominal(PlantConfig.from_file(name))
     robot = model.robot_description()
