@@ -7,6 +7,7 @@ Frames are those of `Robot`: the z axis of a link's frame is its joint's axis. A
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,29 +39,54 @@ def link_terms(
     SI; an alone joint of an arm is refused. `robot` takes the place of the model's. Raises ConfigError or RobotError.
     """
     description = robot if robot is not None else model.robot_description()
-    q, v, a = (np.asarray(x, dtype=float) for x in (positions, velocities, accelerations))
-    q, v, a = (x[:, None] if x.ndim == 1 else x for x in (q, v, a))
+    if description is not None:
+        return arm_terms(model, positions, velocities, accelerations, [joint], description)[joint]
+    q, _, a = _rows(positions, velocities, accelerations)
+    j = 0 if q.shape[1] == 1 else list(model.joints).index(joint)
+    return _single(model.joint(joint), q[:, j], a[:, j])
+
+
+def arm_terms(
+    model: Model,
+    positions: FloatArray,
+    velocities: FloatArray,
+    accelerations: FloatArray,
+    joints: Sequence[str] | None = None,
+    robot: Robot | None = None,
+) -> dict[str, LinkTerms]:
+    """`link_terms` of several joints (all of the model if None), which costs little more than one."""
+    names = list(model.joints) if joints is None else list(joints)
+    description = robot if robot is not None else model.robot_description()
     if description is None:
-        alone = q.shape[1] == 1
-        j = 0 if alone else list(model.joints).index(joint)
-        return _single(model.joint(joint), q[:, j], a[:, j])
-    if q.shape[1] != description.joints:
-        raise ConfigError(
-            f"link dynamics of {joint}: {description.name} has {description.joints} joints, "
-            f"the motion of {q.shape[1]} is known"
-        )
-    j = description.indices([joint])[0]
-    scale = model.joint(joint).number("link_dynamics", "inertia_scale", 1.0) if joint in model.joints else 1.0
-    inertia = torques(description, q, np.zeros_like(v), a, 0.0)[:, j]
-    bias = torques(description, q, v, np.zeros_like(a), GRAVITY)[:, j]
+        return {name: link_terms(model, name, positions, velocities, accelerations) for name in names}
+    q, v, a = _rows(positions, velocities, accelerations)
+    _check_width(q, description, ", ".join(names))
+    inertia = torques(description, q, np.zeros_like(v), a, 0.0)
+    bias = torques(description, q, v, np.zeros_like(a), GRAVITY)
     motion = link_motion(description, q, v, a, GRAVITY)
-    last = description.joints - 1
-    return (
-        scale * inertia,
-        bias,
-        body_regressor(description, motion, j, j),
-        body_regressor(description, motion, j, last),
-    )
+    found: dict[str, LinkTerms] = {}
+    for name, j in zip(names, description.indices(names), strict=True):
+        bodies = (j, description.joints - 1)
+        own, tool = (body_regressor(description, motion, j, body) for body in bodies)
+        found[name] = (_inertia_scale(model, name) * inertia[:, j], bias[:, j], own, tool)
+    return found
+
+
+def _rows(*motion: FloatArray) -> list[FloatArray]:
+    """Each as (n, J)."""
+    arrays = [np.asarray(x, dtype=float) for x in motion]
+    return [x[:, None] if x.ndim == 1 else x for x in arrays]
+
+
+def _check_width(q: FloatArray, robot: Robot, joint: str) -> None:
+    if q.shape[1] != robot.joints:
+        raise ConfigError(
+            f"link dynamics of {joint}: {robot.name} has {robot.joints} joints, the motion of {q.shape[1]} is known"
+        )
+
+
+def _inertia_scale(model: Model, joint: str) -> float:
+    return model.joint(joint).number("link_dynamics", "inertia_scale", 1.0) if joint in model.joints else 1.0
 
 
 def _single(joint: JointModel, q: FloatArray, a: FloatArray) -> LinkTerms:
@@ -197,12 +223,19 @@ def own_link(
 ) -> OwnLink:
     """The own link of a joint for a prediction, the neighbours moving as measured. Arguments as in `link_terms`."""
     description = robot if robot is not None else model.robot_description()
-    q, v, a = (np.asarray(x, dtype=float) for x in (positions, velocities, accelerations))
-    q, v, a = (x[:, None] if x.ndim == 1 else x for x in (q, v, a))
-    inertia_torque, bias, _, _ = link_terms(model, joint, q, v, a, description)
-    j = description.indices([joint])[0] if description is not None else min(q.shape[1] - 1, 0)
-    unit, step, still = np.zeros_like(a), np.zeros_like(q), np.zeros_like(v)
+    q, v, a = _rows(positions, velocities, accelerations)
+    if description is None:
+        single, j = model.joint(joint), 0 if q.shape[1] == 1 else list(model.joints).index(joint)
+        inertia, rest, _, _ = _single(single, q[:, j], np.ones(len(q)))
+        ends = [_single(single, q[:, j] + sign * SLOPE_STEP, a[:, j])[1] for sign in (-1.0, 1.0)]
+        return OwnLink(inertia, rest, (ends[1] - ends[0]) / (2.0 * SLOPE_STEP))
+    _check_width(q, description, joint)
+    j, scale = description.indices([joint])[0], _inertia_scale(model, joint)
+    still, unit, step = np.zeros_like(v), np.zeros_like(a), np.zeros_like(q)
     unit[:, j], step[:, j] = 1.0, SLOPE_STEP
-    inertia = link_terms(model, joint, q, still, unit, description)[0]
-    ends = [link_terms(model, joint, q + sign * step, still, still, description)[1] for sign in (-1.0, 1.0)]
-    return OwnLink(inertia, inertia_torque + bias - inertia * a[:, j], (ends[1] - ends[0]) / (2.0 * SLOPE_STEP))
+    inertia = scale * torques(description, q, still, unit, 0.0)[:, j]
+    whole = torques(description, q, v, a, GRAVITY)[:, j]
+    if scale != 1.0:
+        whole += (scale - 1.0) * torques(description, q, still, a, 0.0)[:, j]
+    ends = [torques(description, q + sign * step, still, still, GRAVITY)[:, j] for sign in (-1.0, 1.0)]
+    return OwnLink(inertia, whole - inertia * a[:, j], (ends[1] - ends[0]) / (2.0 * SLOPE_STEP))

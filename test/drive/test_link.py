@@ -10,7 +10,7 @@ import pytest
 
 from hd_control.core.errors import ConfigError
 from hd_control.core.robot import Robot
-from hd_control.drive.link import link_terms, own_link, torques
+from hd_control.drive.link import arm_terms, link_terms, own_link, torques
 from hd_control.drive.model import JointModel, Model, ModelValue, model_from_urdf
 
 ROBOTS = ("arm_a", "arm_c", "single_joint_3")
@@ -76,6 +76,8 @@ def test_the_own_link_is_the_whole_arm_on_its_measured_path(name: str, rng: np.r
     robot = Robot.from_file(name)
     q, v, a = motion(robot, rng)
     model = model_from_urdf(name, 100.0)
+    scaled = {"inertia_scale": ModelValue(1.2)}
+    model = model.with_effect(robot.joint_names[-1], "link_dynamics", scaled)
     for j, joint in enumerate(robot.joint_names):
         own = own_link(model, joint, q, v, a)
         inertia, bias, _, _ = link_terms(model, joint, q, v, a)
@@ -88,6 +90,21 @@ def test_the_own_link_is_the_whole_arm_on_its_measured_path(name: str, rng: np.r
         np.testing.assert_allclose(own.slope * 2e-3, ahead - back, atol=1e-6)
 
 
+@pytest.mark.parametrize("name", ROBOTS)
+def test_all_joints_at_once_are_each_alone(name: str, rng: np.random.Generator) -> None:
+    robot = Robot.from_file(name)
+    q, v, a = motion(robot, rng)
+    model = model_from_urdf(name, 100.0).with_effect("joint_3", "link_dynamics", {"inertia_scale": ModelValue(0.9)})
+    together = arm_terms(model, q, v, a)
+    assert list(together) == list(robot.joint_names)
+    for joint in robot.joint_names:
+        for one, other in zip(link_terms(model, joint, q, v, a), together[joint], strict=True):
+            np.testing.assert_array_equal(one, other)
+    plain = link_terms(model_from_urdf(name, 100.0), "joint_3", q, v, a)
+    np.testing.assert_allclose(together["joint_3"][0], 0.9 * plain[0], rtol=1e-14)
+    np.testing.assert_array_equal(together["joint_3"][1], plain[1])
+
+
 def test_a_single_joint_without_description() -> None:
     numbers = {"inertia": ModelValue(40.0), "gravity_sine": ModelValue(-120.0), "gravity_cosine": ModelValue(5.0)}
     model = Model(None, {"joint_3": JointModel(120.0, effects={"link_dynamics": numbers})})
@@ -96,6 +113,10 @@ def test_a_single_joint_without_description() -> None:
     np.testing.assert_allclose(inertia, 40.0 * a)
     np.testing.assert_allclose(bias, -120.0 * np.sin(q) + 5.0 * np.cos(q))
     assert own is None and tool is None
+    link = own_link(model, "joint_3", q, np.zeros(2), a)
+    np.testing.assert_allclose(link.inertia * a + link.rest, inertia + bias, rtol=1e-14)
+    # rounding of a central difference: 1e-16 * 120 N m / 1e-4 rad
+    np.testing.assert_allclose(link.slope, -120.0 * np.cos(q) - 5.0 * np.sin(q), atol=1e-6)
     described = load_single(q, a)
     np.testing.assert_allclose(described[0], 40.0 * a, rtol=1e-9)
     np.testing.assert_allclose(described[1], -120.0 * np.sin(q), rtol=1e-9)
