@@ -10,10 +10,9 @@ range and zero outside. Both are the column of their channel: torque that resist
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -29,27 +28,17 @@ from hd_control.drive.effect import (
     FloatArray,
     Shape,
 )
+from hd_control.drive.formula import CONSTANTS, SIGNALS, TAKEN, evaluate_formula, parse_formula
 
-SIGNALS = (
-    "time motor_position motor_velocity motor_acceleration motor_direction motor_shaft_position joint_position "
-    "joint_velocity joint_acceleration gauge_torque joint_torque joint_torque_rate motor_torque temperature"
-).split()
-FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "sin": np.sin, "cos": np.cos, "tan": np.tan, "tanh": np.tanh, "atan2": np.arctan2, "exp": np.exp, "log": np.log,
-    "sqrt": np.sqrt, "abs": np.abs, "sign": np.sign, "min": np.minimum, "max": np.maximum,
-}  # fmt: skip
-ARGUMENTS = {"atan2": 2, "min": 2, "max": 2}
-CONSTANTS = {"pi": float(np.pi)}
-MAX_LENGTH, MAX_NODES, MAX_POWER = 500, 200, 8.0
-_OPERATIONS: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
-    ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide, ast.Pow: np.power,
-}  # fmt: skip
+SHORT = {"direction": "motor_direction", "velocity": "motor_velocity", "torque": "joint_torque"}
+"""Short names for what a table is multiplied with; `direction` is one in formulas, too."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """Piecewise-linear over one signal at `knots` (increasing), times another (`times`: "none", "sign" of the motor
-    velocity, or a signal); zero outside the knots. The values at the knots are the parameters `value_1`, ..."""
+    """Piecewise-linear over one signal at `knots` (increasing), times another (`times`: "none", "direction" of the
+    motor, "velocity" of the motor, "torque" of the joint, or a signal); zero outside the knots. The values at the knots
+    are the parameters `value_1`, ..."""
 
     signal: str
     knots: tuple[float, ...]
@@ -72,13 +61,12 @@ class Expression:
         if self.table is not None:
             return tuple(f"value_{i + 1}" for i in range(len(self.table.knots)))
         names = [node.id for node in ast.walk(parse_formula(self.formula)) if isinstance(node, ast.Name)]
-        taken = {*SIGNALS, *FUNCTIONS, *CONSTANTS, "gear_ratio"}
-        return tuple(dict.fromkeys(name for name in names if name not in taken))
+        return tuple(dict.fromkeys(name for name in names if name not in TAKEN))
 
     @property
     def unit(self) -> str:
         """Unit of a parameter that does not name one."""
-        plain = self.table is not None and self.table.times in ("none", "sign")
+        plain = self.table is not None and self.table.times in ("none", "direction")
         return UNITS.get(next(iter(self.channels), ""), "") if plain else ""
 
     def effect(self) -> type[Effect]:
@@ -89,9 +77,13 @@ class Expression:
 
 def check_expression(expression: Expression) -> list[str]:
     """What is wrong with an expression, one clause each."""
+    from hd_control.drive.library import library
+
     problems = [
         f"channel {name!r} is not one of {', '.join(CHANNELS)}" for name in expression.channels if name not in UNITS
     ]
+    if expression.name in library():
+        problems.append("the library has an effect of this name; choose another")
     if not expression.channels:
         problems.append("it names no channel")
     if (expression.table is None) == (not expression.formula):
@@ -106,62 +98,6 @@ def check_expression(expression: Expression) -> list[str]:
     return problems
 
 
-def parse_formula(text: str) -> ast.expr:
-    """The syntax tree of a formula with whitelisted nodes only. Raises ConfigError naming what does not fit."""
-    if len(text) > MAX_LENGTH:
-        raise ConfigError(f"formula longer than {MAX_LENGTH} characters")
-    try:
-        tree = ast.parse(text.strip(), mode="eval").body
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise ConfigError(f"formula {text!r} is not an arithmetic expression") from None
-    nodes = list(ast.walk(tree))
-    if len(nodes) > MAX_NODES:
-        raise ConfigError(f"formula with more than {MAX_NODES} parts")
-    called = {id(node.func) for node in nodes if isinstance(node, ast.Call)}
-    for node in nodes:
-        if problem := _node_problem(node, id(node) in called):
-            raise ConfigError(f"formula {text!r}: {problem}")
-    return tree
-
-
-def _node_problem(node: ast.AST, called: bool) -> str:
-    """Why a node is not allowed; empty if it is."""
-    if isinstance(node, (ast.operator, ast.unaryop, ast.expr_context)):
-        fine = isinstance(node, (*_OPERATIONS, ast.USub, ast.UAdd, ast.Load))
-        return "" if fine else f"operator {type(node).__name__} is not known"
-    if isinstance(node, ast.Constant):
-        number = not isinstance(node.value, bool) and isinstance(node.value, (int, float)) and abs(node.value) < 1e30
-        return "" if number else f"{node.value!r} is not a number"
-    if isinstance(node, ast.Name):
-        if called:
-            return "" if node.id in FUNCTIONS else f"function {node.id!r} is not one of {', '.join(FUNCTIONS)}"
-        return f"function {node.id!r} without argument" if node.id in FUNCTIONS else ""
-    if isinstance(node, ast.Call):
-        if not isinstance(node.func, ast.Name) or node.keywords:
-            return "only plain functions can be called"
-        count = ARGUMENTS.get(node.func.id, 1)
-        return "" if len(node.args) == count else f"{node.func.id} takes {count} argument{'s' if count > 1 else ''}"
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
-        fine = isinstance(node.right, ast.Constant) and isinstance(node.right.value, (int, float))
-        return "" if fine and abs(node.right.value) <= MAX_POWER else f"a power must be a number up to {MAX_POWER:g}"  # type: ignore[attr-defined]  # checked in `fine`
-    return "" if isinstance(node, (ast.BinOp, ast.UnaryOp)) else f"{type(node).__name__} is not allowed"
-
-
-def evaluate_formula(tree: ast.expr, values: Mapping[str, Any]) -> Any:
-    """The value of a checked tree with signals, parameters and constants by name; numbers or arrays."""
-    if isinstance(tree, ast.Constant):
-        return float(tree.value)  # type: ignore[arg-type]  # a number, checked by parse_formula
-    if isinstance(tree, ast.Name):
-        return values[tree.id]
-    if isinstance(tree, ast.UnaryOp):
-        inner = evaluate_formula(tree.operand, values)
-        return -inner if isinstance(tree.op, ast.USub) else inner
-    if isinstance(tree, ast.BinOp):
-        return _OPERATIONS[type(tree.op)](evaluate_formula(tree.left, values), evaluate_formula(tree.right, values))
-    assert isinstance(tree, ast.Call) and isinstance(tree.func, ast.Name)
-    return FUNCTIONS[tree.func.id](*(evaluate_formula(argument, values) for argument in tree.args))
-
-
 def table_columns(table: Table, states: DriveStates) -> FloatArray:
     """Hat functions of the knots (n, k), times the other signal; zero outside the range."""
     x = np.asarray(getattr(states, table.signal), dtype=float)
@@ -174,14 +110,14 @@ def table_columns(table: Table, states: DriveStates) -> FloatArray:
     hats[rows, right - 1] = np.where(inside, 1.0 - share, 0.0)
     hats[rows, right] = np.where(inside, share, 0.0)
     if table.times != "none":
-        hats *= getattr(states, "motor_direction" if table.times == "sign" else table.times)[:, None]
+        hats *= getattr(states, SHORT.get(table.times, table.times))[:, None]
     return hats
 
 
 def _table_problems(table: Table) -> list[str]:
     problems = [] if table.signal in SIGNALS else [f"signal {table.signal!r} is not one of {', '.join(SIGNALS)}"]
-    if table.times not in ("none", "sign", *SIGNALS):
-        problems.append(f"times {table.times!r} is not none, sign or a signal")
+    if table.times not in ("none", *SHORT, *SIGNALS):
+        problems.append(f"times {table.times!r} is not none, {', '.join(SHORT)} or a signal")
     if len(table.knots) < 2 or any(b <= a for a, b in zip(table.knots, table.knots[1:], strict=False)):
         problems.append("knots must be two or more increasing numbers")
     return problems
@@ -224,11 +160,29 @@ class _FormulaEffect(_ExpressionEffect):
 
     @classmethod
     def columns(cls, states: DriveStates, shape: Shape) -> Columns:
+        """Raises ConfigError where the formula has no finite value although every signal has one."""
+        value = cls._value(states, shape)
+        wrong = ~np.isfinite(value)
+        for name in {node.id for node in ast.walk(parse_formula(cls.expression.formula)) if isinstance(node, ast.Name)}:
+            wrong &= np.isfinite(getattr(states, SHORT.get(name, name), 0.0))
+        if wrong.any():
+            first = int(np.argmax(wrong))
+            raise ConfigError(
+                f"expression {cls.name}: {cls.expression.formula!r} is {value[first]} at {states.time[first]:.3f} s"
+            )
+        return cls._by_channel(value[:, None])
+
+    @classmethod
+    def advance(cls, states: DriveStates, shape: Shape, memory: FloatArray) -> tuple[Columns, FloatArray]:
+        return cls._by_channel(cls._value(states, shape)[:, None]), memory
+
+    @classmethod
+    def _value(cls, states: DriveStates, shape: Shape) -> FloatArray:
         signals = {name: getattr(states, name) for name in SIGNALS}
-        values = {**CONSTANTS, "gear_ratio": states.gear_ratio, **signals, **shape}
+        numbers = {**CONSTANTS, "gear_ratio": states.gear_ratio, "direction": states.motor_direction}
         with np.errstate(all="ignore"):
-            value = evaluate_formula(parse_formula(cls.expression.formula), values)
-        return cls._by_channel(np.broadcast_to(np.asarray(value, dtype=float), states.time.shape)[:, None])
+            value = evaluate_formula(parse_formula(cls.expression.formula), {**numbers, **signals, **shape})
+        return np.broadcast_to(np.asarray(value, dtype=float), states.time.shape)
 
     @classmethod
     def split(cls, values: Mapping[str, float], context: Context) -> tuple[Shape, FloatArray]:

@@ -14,6 +14,7 @@ from hd_control.core.errors import ConfigError
 from hd_control.core.strict_yaml import expect_keys, parse_yaml
 from hd_control.drive.effect import Context, Effect, EffectParameter
 from hd_control.drive.expression import Expression, Table
+from hd_control.drive.formula import check_names
 from hd_control.drive.model import SOURCES, JointModel, Model, ModelValue, is_urdf_text
 from hd_control.drive.model_text import model_text
 
@@ -198,8 +199,14 @@ def _expression(given: Mapping[str, Any], at: str) -> tuple[Expression, Mapping[
             if len(numbers) != len(knots):
                 raise ConfigError(f"{at}: {len(numbers)} values for {len(knots)} knots")
             values = {f"value_{i + 1}": number for i, number in enumerate(numbers)}
+    formula = str(table.get("formula") or "")
+    if formula and written is None:
+        try:
+            check_names(formula, [str(key) for key in values])
+        except ConfigError as error:
+            raise ConfigError(f"{_place(at.partition(' (line ')[0], table, 'formula')}: {error}") from None
     units = {k: str(v["unit"]) for k, v in values.items() if isinstance(v, Mapping) and "unit" in v}
-    bare = Expression(name, factors, str(table.get("formula") or ""), written)
+    bare = Expression(name, factors, formula, written)
     return replace(bare, units={key: unit for key, unit in units.items() if unit != bare.unit}), values
 
 

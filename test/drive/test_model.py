@@ -129,7 +129,7 @@ def test_nothing_is_overwritten_without_force(tmp_path: Path) -> None:
 
 
 def test_expressions_survive() -> None:
-    table = Table("joint_position", (0.0, 0.5, 1.0), "sign")
+    table = Table("joint_position", (0.0, 0.5, 1.0), "direction")
     joint = JointModel(100.0).with_effect(
         "bump",
         {f"value_{i + 1}": ModelValue(v, "N m", source="fitted") for i, v in enumerate((0.0, 1e-3, -2.0))},
