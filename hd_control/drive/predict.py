@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hd_control.core.errors import ConfigError
 from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, DriveStates, Effect, FloatArray, IntArray, Shape
@@ -23,11 +24,16 @@ from hd_control.drive.link import OwnLink
 from hd_control.drive.model import JointModel
 
 BASE = ("rotor_inertia", "torsional_stiffness", "coulomb_friction", "viscous_friction", "link_dynamics")
+HORIZONS = ((0.5, 0.25), (5.0, 2.5))
+"""s: length of a window and distance of starts, in which predictions are compared (method sheet 9)."""
+BoolArray = NDArray[np.bool_]
 LONGEST_STEP = 2e-3
 """s: a long window takes steps of this length if the samples are closer; the spring's mode lies below 60 Hz."""
 LONG_WINDOW = 1.0
 CLIP = 10.0
 """Errors above this many times the spread of the measurement at the end of the window are clipped and counted."""
+LEAST_SPREAD = (1e-3, 1e-3, 0.1)
+"""The spread of a recording at rest, so that slipping is an error and not clipped: rad, rad, share of torque scale."""
 REPLAY_S = 2.0
 """s before the first start, so that effects with memory have a past."""
 FEWEST_WINDOWS = 2
@@ -60,27 +66,29 @@ def free_run(
     every_s: float,
     link: OwnLink | None = None,
     command: FloatArray | None = None,
+    usable: BoolArray | None = None,
 ) -> FreeRun:
     """Predicts every window of `horizon_s`, one start per `every_s`, of a recording's states (n,).
 
-    `states` are smoothed; windows with NaN rows are left out. `link`: see `drive.link.own_link`; without it inertia is
-    read off the states and gravity keeps its measured course. `command` (n,) N m: the recorded motor torque, held from
-    each sample to the next; without it `states.motor_torque`. Raises ConfigError if the model lacks stiffness or rotor
-    inertia, or no window is whole.
+    `states` are smoothed; windows with NaN rows or rows that are not `usable` (n,) are left out. `link`: see
+    `drive.link.own_link`; without it inertia is read off the states and gravity keeps its measured course. `command`
+    (n,) N m: the recorded motor torque, held from each sample to the next; without it `states.motor_torque`. Raises
+    ConfigError if the model lacks stiffness or rotor inertia, or no window is whole.
     """
+    good = np.ones(states.time.size, dtype=bool) if usable is None else np.asarray(usable, dtype=bool)
     if command is not None:
         states = replace(states, motor_torque=np.asarray(command, dtype=float))
     if link is None:
         link = _link_of(states)
     whole = int(LONGEST_STEP / states.period + 1e-9)
     if horizon_s > LONG_WINDOW and whole > 1:
-        states, link = _thinned(states, link, whole)
-    plant = _Plant.of(joint, states, link)
+        states, link, good = _thinned(states, link, good, whole)
+    plant = _Plant.of(joint, states, link, good)
     steps = max(2, round(horizon_s / states.period))
-    starts = _starts(plant.states, steps, every_s)
+    starts = _starts(plant.states, good, steps, every_s)
     predicted = _run(plant, starts, steps)
     measured = plant.measured(starts, steps)
-    return _summary(predicted, measured, states.period)
+    return _summary(predicted, measured, states)
 
 
 @dataclass(frozen=True)
@@ -115,7 +123,7 @@ class _Plant:
     zero: float
 
     @classmethod
-    def of(cls, joint: JointModel, states: DriveStates, link: OwnLink) -> _Plant:
+    def of(cls, joint: JointModel, states: DriveStates, link: OwnLink, usable: BoolArray) -> _Plant:
         stiffness = joint.number("torsional_stiffness", "torsional_stiffness")
         inertia = joint.number("rotor_inertia", "rotor_inertia")
         if stiffness <= 0.0 or inertia <= 0.0:
@@ -137,7 +145,7 @@ class _Plant:
             damping_time=joint.number("torsional_stiffness", "damping_time"),
             coulomb=joint.number("coulomb_friction", "coulomb_torque"),
             viscous=joint.number("viscous_friction", "viscous"),
-            zero=float(np.nanmedian(zero)),
+            zero=_median(zero[usable]),
         )
 
     def measured(self, starts: IntArray, steps: int) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -145,6 +153,12 @@ class _Plant:
         index = starts + np.arange(steps + 1)[:, None]
         s = self.states
         return s.motor_position[index], s.joint_position[index], s.joint_torque[index]
+
+
+def _median(values: FloatArray) -> float:
+    """Of the real ones; 0 if there are none."""
+    real = values[np.isfinite(values)]
+    return float(np.median(real)) if real.size else 0.0
 
 
 def _is_gauge(effect: type[Effect], joint: JointModel) -> bool:
@@ -189,19 +203,22 @@ def _link_of(states: DriveStates) -> OwnLink:
     return OwnLink(np.full(states.time.size, inertia), rest, np.zeros(states.time.size))
 
 
-def _thinned(states: DriveStates, link: OwnLink, step: int) -> tuple[DriveStates, OwnLink]:
-    """Every `step`-th row; the motor torque is the mean over the step."""
+def _thinned(
+    states: DriveStates, link: OwnLink, usable: BoolArray, step: int
+) -> tuple[DriveStates, OwnLink, BoolArray]:
+    """Every `step`-th row; the motor torque is the mean over the step, all rows of a step are usable or it is not."""
     n = states.time.size // step
     rows = np.arange(n) * step
     thin = replace(rows_of(states, rows), period=step * states.period)
     thin = replace(thin, motor_torque=states.motor_torque[: n * step].reshape(n, step).mean(axis=1))
-    return thin, OwnLink(link.inertia[rows], link.rest[rows], link.slope[rows])
+    good = np.asarray(usable[: n * step].reshape(n, step).all(axis=1), dtype=bool)
+    return thin, OwnLink(link.inertia[rows], link.rest[rows], link.slope[rows]), good
 
 
-def _starts(states: DriveStates, steps: int, every_s: float) -> IntArray:
+def _starts(states: DriveStates, usable: BoolArray, steps: int, every_s: float) -> IntArray:
     """Rows at which whole windows start."""
     needed = (states.motor_position, states.motor_velocity, states.joint_position, states.joint_velocity)
-    good = np.logical_and.reduce([np.isfinite(x) for x in (*needed, states.joint_torque, states.motor_torque)])
+    good = np.logical_and.reduce([np.isfinite(x) for x in (*needed, states.joint_torque, states.motor_torque)]) & usable
     bad = np.concatenate([[0], np.cumsum(~good)])
     first = min(round(REPLAY_S / states.period), max(0, states.time.size - FEWEST_WINDOWS * steps - 1))
     starts = np.arange(first, states.time.size - steps, max(1, round(every_s / states.period)))
@@ -231,20 +248,24 @@ def _run(plant: _Plant, starts: IntArray, steps: int) -> tuple[FloatArray, Float
 def _summary(
     predicted: tuple[FloatArray, FloatArray, FloatArray],
     measured: tuple[FloatArray, FloatArray, FloatArray],
-    period: float,
+    states: DriveStates,
 ) -> FreeRun:
+    least = (*LEAST_SPREAD[:2], LEAST_SPREAD[2] * states.torque_scale)
+    limits: list[float] = []
     rms: list[FloatArray] = []
     hold: list[FloatArray] = []
     clipped = np.zeros(predicted[0].shape[1], dtype=bool)
-    for model, truth in zip(predicted, measured, strict=True):
+    for model, truth, spread in zip(predicted, measured, least, strict=True):
         still = truth - truth[0]
         hold.append(_rms(still))
-        limit = CLIP * max(float(hold[-1].max()), 1e-12)
+        limit = CLIP * max(float(hold[-1].max()), spread)
+        limits.append(limit)
         error = np.nan_to_num(np.abs(model - truth), nan=np.inf, posinf=np.inf)
         clipped |= (error > limit).any(axis=0)
         rms.append(_rms(np.minimum(error, limit)))
     final: FloatArray = predicted[0][-1] - measured[0][-1]
-    horizon = np.arange(predicted[0].shape[0], dtype=np.float64) * period
+    final = np.clip(np.nan_to_num(final, nan=limits[0]), -limits[0], limits[0])
+    horizon = np.arange(predicted[0].shape[0], dtype=np.float64) * states.period
     share, windows = float(clipped.mean()), int(clipped.size)
     return FreeRun(horizon, rms[0], rms[1], rms[2], hold[0], hold[1], hold[2], share, windows, final)
 
