@@ -19,8 +19,6 @@ from hd_control.drive.model import JointModel, Model
 
 GRAVITY = 9.81
 """m/s^2, along -z of the base."""
-SLOPE_STEP = 1e-4
-"""rad: central difference of gravity."""
 
 LinkTerms = tuple[FloatArray, FloatArray, FloatArray | None, FloatArray | None]
 
@@ -134,9 +132,14 @@ def link_motion(robot: Robot, q: FloatArray, v: FloatArray, a: FloatArray, gravi
 
 def torques(robot: Robot, q: FloatArray, v: FloatArray, a: FloatArray, gravity: float) -> FloatArray:
     """Joint torques (n, J) of the rigid arm: inverse dynamics by Newton and Euler."""
-    motion = link_motion(robot, q, v, a, gravity)
-    force, moment = np.zeros((len(q), 3)), np.zeros((len(q), 3))
-    found = np.empty(q.shape)
+    return motion_torques(robot, link_motion(robot, q, v, a, gravity))
+
+
+def motion_torques(robot: Robot, motion: LinkMotion) -> FloatArray:
+    """Inward recursion of Newton and Euler, (n, J)."""
+    n = len(motion.rate[0])
+    force, moment = np.zeros((n, 3)), np.zeros((n, 3))
+    found = np.empty((n, robot.joints))
     for j in reversed(range(robot.joints)):
         rate, angular, linear = motion.rate[j], motion.angular[j], motion.linear[j]
         center = np.broadcast_to(robot.center_of_mass[j], rate.shape)
@@ -227,15 +230,31 @@ def own_link(
     if description is None:
         single, j = model.joint(joint), 0 if q.shape[1] == 1 else list(model.joints).index(joint)
         inertia, rest, _, _ = _single(single, q[:, j], np.ones(len(q)))
-        ends = [_single(single, q[:, j] + sign * SLOPE_STEP, a[:, j])[1] for sign in (-1.0, 1.0)]
-        return OwnLink(inertia, rest, (ends[1] - ends[0]) / (2.0 * SLOPE_STEP))
+        slope = _single(single, q[:, j] + 0.5 * np.pi, a[:, j])[1]  # of a sine: itself a quarter turn later
+        return OwnLink(inertia, rest, slope)
     _check_width(q, description, joint)
     j, scale = description.indices([joint])[0], _inertia_scale(model, joint)
-    still, unit, step = np.zeros_like(v), np.zeros_like(a), np.zeros_like(q)
-    unit[:, j], step[:, j] = 1.0, SLOPE_STEP
-    inertia = scale * torques(description, q, still, unit, 0.0)[:, j]
+    still, unit = np.zeros_like(v), np.zeros_like(a)
+    unit[:, j] = 1.0
+    alone = link_motion(description, q, still, unit, 0.0)
+    inertia = scale * motion_torques(description, alone)[:, j]
     whole = torques(description, q, v, a, GRAVITY)[:, j]
     if scale != 1.0:
         whole += (scale - 1.0) * torques(description, q, still, a, 0.0)[:, j]
-    ends = [torques(description, q + sign * step, still, still, GRAVITY)[:, j] for sign in (-1.0, 1.0)]
-    return OwnLink(inertia, whole - inertia * a[:, j], (ends[1] - ends[0]) / (2.0 * SLOPE_STEP))
+    return OwnLink(inertia, whole - inertia * a[:, j], _gravity_slope(description, alone, j))
+
+
+def _gravity_slope(robot: Robot, motion: LinkMotion, joint: int) -> FloatArray:
+    """Slope of a joint's gravity torque h_x g_y - h_y g_x over its own angle, (n,) N m/rad.
+
+    h: first moment of all links from the joint on, fixed in its frame; g: upward acceleration, which turns in it.
+    """
+    moment, mass = np.zeros_like(motion.rate[0]), 0.0
+    for j in reversed(range(joint, robot.joints)):
+        if j + 1 < robot.joints:
+            moment = _out(motion.rotation[j + 1], moment) + mass * robot.origin[j + 1]
+        moment, mass = moment + robot.mass[j] * robot.center_of_mass[j], mass + robot.mass[j]
+    upward = np.tile([0.0, 0.0, GRAVITY], (len(moment), 1))
+    for j in range(joint + 1):
+        upward = _into(motion.rotation[j], upward)
+    return np.asarray(-(moment[:, :2] * upward[:, :2]).sum(axis=1))

@@ -83,6 +83,7 @@ def free_run(
     whole = int(LONGEST_STEP / states.period + 1e-9)
     if horizon_s > LONG_WINDOW and whole > 1:
         states, link, good = _thinned(states, link, good, whole)
+    good = np.asarray(good & np.isfinite(link.inertia + link.rest + link.slope), dtype=bool)
     plant = _Plant.of(joint, states, link, good)
     steps = max(2, round(horizon_s / states.period))
     starts = _starts(plant.states, good, steps, every_s)

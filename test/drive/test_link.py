@@ -115,8 +115,7 @@ def test_a_single_joint_without_description() -> None:
     assert own is None and tool is None
     link = own_link(model, "joint_3", q, np.zeros(2), a)
     np.testing.assert_allclose(link.inertia * a + link.rest, inertia + bias, rtol=1e-14)
-    # rounding of a central difference: 1e-16 * 120 N m / 1e-4 rad
-    np.testing.assert_allclose(link.slope, -120.0 * np.cos(q) - 5.0 * np.sin(q), atol=1e-6)
+    np.testing.assert_allclose(link.slope, -120.0 * np.cos(q) - 5.0 * np.sin(q), rtol=1e-12)
     described = load_single(q, a)
     np.testing.assert_allclose(described[0], 40.0 * a, rtol=1e-9)
     np.testing.assert_allclose(described[1], -120.0 * np.sin(q), rtol=1e-9)

@@ -140,6 +140,8 @@ def test_gaps_and_unusable_rows_are_left_out() -> None:
     gap = motion(phi)
     gap.motor_position[3260] = np.nan
     torn = free_run(joint(), gap, 0.5, 0.25, link())
+    lost = link(np.where(np.arange(SAMPLES) == 3260, np.nan, 0.0))  # a neighbour's gap
+    assert free_run(joint(), motion(phi), 0.5, 0.25, lost).windows == everything.windows - 2
     assert masked.windows == torn.windows == everything.windows - 2  # starts at 3.0 and 3.25 s
     np.testing.assert_array_equal(masked.rms_motor_position, torn.rms_motor_position)
     usable[:] = False
