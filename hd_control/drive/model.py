@@ -134,17 +134,22 @@ def is_urdf_text(robot: str) -> bool:
     return robot.lstrip().startswith("<")
 
 
-def model_from_urdf(robot: str, gear_ratios: Mapping[str, float] | float) -> Model:
+def model_from_urdf(
+    robot: str, gear_ratios: Mapping[str, float] | float, rated_torques: Mapping[str, float] | float | None = None
+) -> Model:
     """A first model from a robot description (file, shipped name or text): its joints with link dynamics only.
 
-    `gear_ratios`: one for all joints, or by joint name; joints without one are left out. Raises RobotError or
-    ConfigError.
+    Ratios and rated torques N m: one for all joints, or by joint name; joints without a ratio are left out. (The effort
+    limit of a description is the largest torque, not the rated one.) Raises RobotError or ConfigError.
     """
     description = Model(robot, {}).robot_description()
     assert description is not None
-    joints = {}
-    for name, effort in zip(description.joint_names, description.effort_limit.tolist(), strict=True):
-        ratio = gear_ratios.get(name) if isinstance(gear_ratios, Mapping) else gear_ratios
-        if ratio is not None:
-            joints[name] = JointModel(float(ratio), effort if 0.0 < effort < np.inf else None, {"link_dynamics": {}})
-    return Model(robot, joints)
+
+    def of(given: Mapping[str, float] | float | None, name: str) -> float | None:
+        value = given.get(name) if isinstance(given, Mapping) else given
+        return None if value is None else float(value)
+
+    ratios = {name: ratio for name in description.joint_names if (ratio := of(gear_ratios, name)) is not None}
+    return Model(
+        robot, {name: JointModel(r, of(rated_torques, name), {"link_dynamics": {}}) for name, r in ratios.items()}
+    )

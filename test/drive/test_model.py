@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -231,6 +233,34 @@ def test_shipped_models_are_the_nominal_plants(name: str) -> None:
 
 
 def test_a_first_model_from_a_description() -> None:
-    model = model_from_urdf("arm_a", {"joint_1": 120.0, "joint_7": 160.0})
+    model = model_from_urdf("arm_a", {"joint_1": 120.0, "joint_7": 160.0}, {"joint_7": 40.0})
     assert list(model.joints) == ["joint_1", "joint_7"]
+    assert [(j.gear_ratio, j.rated_torque) for j in model.joints.values()] == [(120.0, None), (160.0, 40.0)]
     assert parse_model(model_text(model)) == model
+
+
+def blocks(language: str) -> list[str]:
+    """Code blocks of the manual."""
+    text = (Path(__file__).resolve().parents[2] / "docs" / "model.md").read_text()
+    return [part.partition("```")[0] for part in text.split(f"```{language}\n")[1:]]
+
+
+def test_the_manuals_example_is_a_model() -> None:
+    (example,) = blocks("yaml")
+    model = parse_model(example, "docs/model.md")
+    assert parse_model(model_text(model)) == model
+    states = moving(100)
+    for effect, shape, coefficients in model.joints["joint_3"].terms():
+        for column in effect.columns(states, shape).values():
+            assert np.isfinite(column @ coefficients).all()
+
+
+def test_the_manuals_program_makes_a_model(tmp_path: Path) -> None:
+    (program,) = blocks("python")
+    subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True, timeout=60)
+    joint = load_model(tmp_path / "sheet.yaml").joints["joint_3"]
+    shipped = load_model("single_joint_3").joints["joint_3"]
+    assert (joint.gear_ratio, joint.rated_torque) == (shipped.gear_ratio, shipped.rated_torque)
+    for effect, values in shipped.effects.items():
+        for name, value in values.items():
+            assert joint.number(effect, name) == pytest.approx(value.value, rel=0.01), name
