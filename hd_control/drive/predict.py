@@ -241,7 +241,7 @@ def _run(plant: _Plant, starts: IntArray, steps: int) -> tuple[FloatArray, Float
         for i in range(steps):
             mean[i] = stepper.step(i)
             found[0, i + 1], found[1, i + 1] = stepper.phi, stepper.q
-        mean[steps] = mean[steps - 1]
+        mean[steps] = 2.0 * mean[steps - 1] - mean[steps - 2]
         found[2, 1:] = 0.5 * (mean[:-1] + mean[1:])  # torques are means over a step, samples lie between two
     return found[0], found[1], found[2]
 

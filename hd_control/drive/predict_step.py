@@ -30,9 +30,20 @@ class Stepper:
         self.steady = [n for n, t in enumerate(plant.terms) if t.on_transmission and not t.on_torque]
         self.follow = [n for n, t in enumerate(plant.terms) if t.on_transmission and t.on_torque]
         self.memory = [t.effect.memory_along(s, t.shape, starts) for t in plant.terms]
-        # The start lies on the model's own torsion: the joint sensor is too coarse to give the torque.
+        # torque / k is the torsion a damping time ahead
+        self._start_on_torsion(
+            *(np.interp(s.time[starts] - plant.damping_time, s.time, x) for x in (s.joint_torque, s.joint_torque_rate))
+        )
+
+    def _start_on_torsion(self, tau: FloatArray, rate: FloatArray) -> None:
+        """The start lies on the model's own torsion, and so does its rate where the torque rate is known: the joint
+        sensor is too coarse to give the torque, and its velocity too slow at reversals."""
+        k, dt = self.plant.stiffness, self.plant.states.period
         wave = self._waves(self._state(0, self.phi, self.q, self.tau))
-        self.q = self.phi - self.tau / plant.stiffness + plant.zero + wave
+        later = self._state(0, self.phi + dt * self.v, self.q + dt * self.w, self.tau + dt * rate)
+        w = self.v - rate / k + (self._waves(later) - wave) / dt
+        self.q = self.phi - tau / k + self.plant.zero + wave
+        self.w = np.where(np.isfinite(w), w, self.w)
 
     def step(self, i: int) -> FloatArray:
         """One step from sample i; returns the mean joint torque over it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -48,6 +49,7 @@ def motion(phi: np.ndarray, torque: Any = 0.0, motor_torque: Any = 0.0, stiffnes
         period=PERIOD, gear_ratio=100.0, torque_scale=10.0, time=PERIOD * np.arange(phi.size), motor_position=phi,
         motor_velocity=rate, motor_direction=np.sign(rate), joint_position=q, joint_velocity=joint_rate,
         joint_acceleration=np.gradient(joint_rate, PERIOD), gauge_torque=tau, joint_torque=tau,
+        joint_torque_rate=np.gradient(tau, PERIOD, edge_order=2),
         motor_torque=np.broadcast_to(motor_torque, (phi.size,)),
     )  # fmt: skip
 
@@ -59,7 +61,7 @@ def worst(run: FreeRun) -> float:
 
 def test_two_masses_on_a_spring_keep_their_note() -> None:
     stiffness = (2.0 * np.pi * 8.0) ** 2 * ROTOR * LINK / (ROTOR + LINK)
-    wave = np.cos(2.0 * np.pi * 8.0 * TIME)
+    wave = np.cos(2.0 * np.pi * 8.0 * TIME + 1.0)
     tau = 5.0 * wave
     phi = tau / stiffness * LINK / (ROTOR + LINK)
     states = motion(phi, tau, stiffness=stiffness)
@@ -67,6 +69,17 @@ def test_two_masses_on_a_spring_keep_their_note() -> None:
     # the midpoint rule plays the note flat by (2 pi 8 Hz 1 ms)^2 / 12 = 2.1e-4: 0.0053 rad after 4 turns
     assert worst(run) < 0.01
     assert run.rms_joint_torque.max() < 0.01 * run.hold_joint_torque.max()
+    # The link's start velocity is the motor's less the rate of torsion, not that of a slow joint sensor ...
+    slow = replace(states, joint_velocity=np.zeros(SAMPLES))
+    np.testing.assert_array_equal(
+        free_run(joint(stiffness), slow, 0.5, 0.25, link()).rms_motor_position, run.rms_motor_position
+    )
+    # ... unless the rate of torque is unknown.
+    unknown = replace(states, joint_torque_rate=np.full(SAMPLES, np.nan))
+    assert worst(free_run(joint(stiffness), unknown, 0.5, 0.25, link())) < 0.01
+    assert (
+        worst(free_run(joint(stiffness), replace(unknown, joint_velocity=slow.joint_velocity), 0.5, 0.25, link())) > 1.0
+    )
 
 
 def test_a_pendulum_needs_the_slope_of_gravity() -> None:
