@@ -94,22 +94,28 @@ class Stepper:
             self.wave = wave
         tau, tangent = k * torsion, np.full(phi.shape, k)
         if self.follow:
-            tau = self.tau - damping
-            nudge = 1e-3 * plant.states.torque_scale
-            for _ in range(NEWTON_ROUNDS):
-                here, near = (self._following(i, phi, q, tau + step) for step in (0.0, nudge))
-                tangent = k / np.maximum(1.0 - k * (near - here) / nudge, 1e-3)
-                tangent = np.maximum(tangent, SOFTEST * k)
-                tau = tau + tangent * (torsion + here - tau / k)
-            state = self._state(i, phi, q, tau + damping)
+            state = self._state(i, phi, q, self.tau - damping)
+            tau, tangent = self._implicit(state, torsion)
+            state.joint_torque[:] = tau + damping
             for n in self.follow:
                 known[n], self.memory[n] = plant.terms[n].value(state, self.memory[n])
         return tau + damping, tangent, known
 
-    def _following(self, i: int, phi: FloatArray, q: FloatArray, tau: FloatArray) -> FloatArray:
+    def _implicit(self, state: DriveStates, torsion: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Torque of the spring and tangent stiffness where the transmission itself follows the torque, by Newton."""
+        k, nudge = self.plant.stiffness, 1e-3 * self.plant.states.torque_scale
+        tau, tangent = state.joint_torque.copy(), np.full(torsion.shape, k)
+        for _ in range(NEWTON_ROUNDS):
+            here, near = (self._following(state, tau + step) for step in (0.0, nudge))
+            tangent = k / np.maximum(1.0 - k * (near - here) / nudge, 1e-3)
+            tangent = np.maximum(tangent, SOFTEST * k)
+            tau = tau + tangent * (torsion + here - tau / k)
+        return tau, tangent
+
+    def _following(self, state: DriveStates, tau: FloatArray) -> FloatArray:
         """What the terms that depend on torque add to the joint position at this torque."""
-        state = self._state(i, phi, q, tau)
-        found = np.zeros(phi.shape)
+        state.joint_torque[:] = tau
+        found = np.zeros(tau.shape)
         for n in self.follow:
             found += self.plant.terms[n].value(state, self.memory[n])[0].get(TRANSMISSION, 0.0)
         return found
