@@ -264,3 +264,26 @@ def test_the_manuals_program_makes_a_model(tmp_path: Path) -> None:
     for effect, values in shipped.effects.items():
         for name, value in values.items():
             assert joint.number(effect, name) == pytest.approx(value.value, rel=0.01), name
+
+
+def test_a_damaged_file_is_an_error_or_a_model(rng: np.random.Generator) -> None:
+    """Random damage to the manual's example: one clear line, or a model that goes round; nothing else."""
+    (example,) = blocks("yaml")
+    letters = list("abcdefghijklmnopqrstuvwxyz0123456789:{}[],-+*/() \n'\"#&|>%@!?.eE_\x00\t\u2028")
+    models = 0
+    for _ in range(1500):
+        text = list(example)
+        for _ in range(rng.choice((1, 1, 2, 4))):
+            at, kind = int(rng.integers(len(text))), rng.integers(3)
+            if kind == 0:
+                del text[at : at + int(rng.choice((1, 3, 20)))]
+            else:
+                text[at : at + kind - 1] = [str(rng.choice(letters))]
+        try:
+            model = parse_model("".join(text))
+        except ConfigError as error:
+            assert "\n" not in str(error)
+        else:
+            models += 1
+            assert parse_model(model_text(model)) == model
+    assert 50 < models < 1450, "the damage must be neither harmless nor total"
