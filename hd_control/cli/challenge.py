@@ -1,0 +1,246 @@
+"""`hd challenge new/check/campaign`: hidden effects to find, answers scored against the seal, blind campaigns."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hd_sim.cases import Case
+    from hd_sim.challenge import Challenge
+    from hd_sim.challenge_score import Score
+
+NAME = "challenge"
+HELP = "hide an effect, check a diagnosis against the seal, or run a blind campaign"
+EXAMPLE = """hd challenge new --seed 7 -o puzzle
+  hd challenge check puzzle diagnosis.json
+  hd challenge campaign --n 100 --seed 200000 --jobs 2 --record campaign.jsonl"""
+KINDS = ("mix", "none", "one", "two", "unknown", "poor")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The three actions and their options."""
+    from hd_control.cli.options import add_output_options
+
+    actions = parser.add_subparsers(dest="action", metavar="new | check | campaign", required=True)
+    new = actions.add_parser("new", help="make a pair of bags with something hidden", description=_NEW)
+    new.add_argument("--seed", type=int, help="what is drawn depends on it alone [a random one]")
+    new.add_argument("-o", "--output", metavar="FOLDER", required=True, help="folder to make")
+    new.add_argument("--kind", choices=KINDS, default="mix", help="what may be hidden [mix]")
+    new.add_argument("--effect", metavar="NAME[:STRENGTH]", action="append", default=[], help="hide this; repeatable")
+    new.add_argument("--motion", metavar="KIND", default="", help="kind of recording, for --effect [general]")
+    new.add_argument("--arm", action="store_true", help="a seven-joint arm in place of one joint")
+    check = actions.add_parser("check", help="score a diagnosis against the seal", description=_CHECK)
+    check.add_argument("folder", metavar="FOLDER", help="folder of the challenge")
+    check.add_argument("diagnosis", metavar="DIAGNOSIS.json", help="what hd diagnose --json wrote")
+    campaign = actions.add_parser("campaign", help="diagnose many random joints blindly", description=_CAMPAIGN)
+    campaign.add_argument("--n", type=int, default=100, metavar="N", help="number of joints [100]")
+    campaign.add_argument("--seed", type=int, required=True, metavar="S", help="first seed; then S+1, S+2, …")
+    campaign.add_argument("--kind", choices=KINDS, default="mix", help="what may be hidden [mix]")
+    campaign.add_argument("--world", choices=("any", "library", "judge"), default="any", help=_WORLD)
+    campaign.add_argument("--jobs", type=int, default=1, help="processes [1]")
+    campaign.add_argument("--record", metavar="FILE", help="JSON lines, one per joint; an existing one is continued")
+    for part in (parser, new, check, campaign):
+        add_output_options(part)
+    for part in (new, check, campaign):
+        for action in part._actions:
+            if action.dest in ("json", "force", "quiet"):
+                action.default = argparse.SUPPRESS  # given before the action, it stays
+
+
+_NEW = "Writes two recordings, the data sheet's model, and the truth, sealed. A chosen --effect is no riddle any more."
+_CHECK = "Exit code 0: right; 1: wrong. On a poor recording a refusal is right."
+_CAMPAIGN = (
+    "Prints the table of right and wrong answers with exact 95 %% intervals. Seeds by purpose: docs/challenge.md."
+)
+_WORLD = "physics: as the library's, or different on purpose (judge), or either [any]"
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Runs one of the three."""
+    return {"new": _new, "check": _check, "campaign": _campaign}[arguments.action](arguments)
+
+
+def _new(arguments: argparse.Namespace) -> int:
+    import secrets
+
+    from hd_control.cli.options import refuse_overwrite, say, write_json
+    from hd_sim.challenge import make_arm_challenge, make_challenge
+
+    seed = secrets.randbelow(100_000) if arguments.seed is None else arguments.seed
+    case = None if arguments.arm else _case(arguments, seed)
+    folder = Path(arguments.output)
+    refuse_overwrite(folder, arguments.force)
+    _old_challenge(folder)
+    partial = folder.with_name(f".{folder.name}.partial")
+    _fresh(partial)
+    try:
+        made = make_arm_challenge(partial, seed) if case is None else make_challenge(partial, case)
+        _write_model(made)
+        _remove(folder)
+        partial.rename(folder)
+    except BaseException:
+        _remove(partial)
+        raise
+    say(arguments, f"{folder}: two recordings, model.yaml, the truth sealed; {folder / 'README.txt'} says how to go on")
+    write_json(arguments, {"schema": "hd.challenge_new/1", "folder": str(folder), "joints": list(made.joint_names)})
+    return 0
+
+
+def _case(arguments: argparse.Namespace, seed: int) -> Case:
+    from hd_control.core.errors import ConfigError
+    from hd_sim.cases import chosen_case, draw_case
+    from hd_sim.random_motion import MOTIONS
+
+    motion = arguments.motion or "general"
+    if motion not in MOTIONS:
+        raise ConfigError(f"--motion {motion}: expected one of {', '.join(MOTIONS)}")
+    if not arguments.effect and not arguments.motion:
+        return draw_case(seed, arguments.kind)
+    effects = {}
+    for text in arguments.effect:
+        name, _, strength = text.partition(":")
+        try:
+            effects[name] = float(strength or 1.0)
+        except ValueError:
+            raise ConfigError(f"--effect {text}: strength {strength!r} is not a number") from None
+    return chosen_case(seed, effects, motion)
+
+
+def _old_challenge(folder: Path) -> None:
+    """Refuses to replace anything but a challenge."""
+    from hd_control.core.errors import ConfigError
+    from hd_sim.challenge import SEAL
+
+    if folder.exists() and not (folder / SEAL).is_file():
+        raise ConfigError(f"{folder}: is no challenge; --force replaces only a folder with {SEAL}")
+
+
+def _fresh(folder: Path) -> None:
+    """An empty folder in place of what an interrupted run left."""
+    from hd_control.core.errors import ConfigError
+
+    _remove(folder)
+    try:
+        folder.mkdir()
+    except OSError as error:
+        raise ConfigError(f"{folder.parent}: cannot make a folder there ({error.strerror})") from None
+
+
+def _remove(folder: Path) -> None:
+    import shutil
+
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def _write_model(made: Challenge) -> None:
+    """The data sheet as a model file beside the bags."""
+    from hd_control.drive.model import Model
+    from hd_control.drive.model_yaml import save_model
+    from hd_sim.campaign_ask import joint_model
+    from hd_sim.challenge import MODEL, ROBOT
+
+    joints = {name: joint_model(model) for name, model in made.models.items()}
+    save_model(Model(robot=ROBOT, joints=joints), made.folder / MODEL)
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    import json
+
+    from hd_control.cli.options import say, write_json
+    from hd_control.core.errors import ConfigError
+    from hd_sim.challenge import check_challenge, is_right
+
+    try:
+        diagnosis = json.loads(Path(arguments.diagnosis).read_bytes())
+    except ValueError:
+        raise ConfigError(f"{arguments.diagnosis}: not JSON; write it with hd diagnose --json FILE") from None
+    if not isinstance(diagnosis, dict):
+        raise ConfigError(f"{arguments.diagnosis}: not a diagnosis")
+    found = check_challenge(Path(arguments.folder), diagnosis)
+    right = True
+    for joint, (score, hidden) in found.items():
+        good = is_right(score, hidden)
+        right = right and good
+        for line in _words(joint, score, hidden, good):
+            say(arguments, line)
+    joints = {name: {**score.to_dict(), "hidden": hidden} for name, (score, hidden) in found.items()}
+    write_json(arguments, {"schema": "hd.challenge_check/1", "right": right, "joints": joints})
+    return 0 if right else 1
+
+
+def _words(joint: str, score: Score, hidden: Mapping[str, Any], good: bool) -> list[str]:
+    """What people read of one joint."""
+    names = [*hidden["names"], *hidden["unknown"]]
+    poor = f" (a poor recording: {hidden['motion'].replace('_', ' ')})" if hidden["poor"] else ""
+    lines = [f"{joint}: {'right' if good else 'wrong'}; hidden: {', '.join(names) or 'nothing'}{poor}"]
+    for text, values in (("named rightly", score.right), ("named wrongly", score.wrong), ("missed", score.missed)):
+        lines += [f"  {text}: {', '.join(values)}"] if values else []
+    if score.refused:
+        lines.append("  refused: the recording cannot tell")
+    if score.missed and score.group:
+        lines.append("  what was missed is among the named effects' confusable ones")
+    if hidden["unknown"]:
+        words = "right variable" if score.unknown_variable else "wrong or no variable"
+        lines.append(f"  unknown effect: {f'flagged, {words}' if score.unknown_flagged else 'overlooked'}")
+    for item in score.parameters:
+        inside = {True: "inside", False: "outside", None: "without"}[item["covered"]]
+        error = f"{100 * item['relative_error']:.2g} % off"
+        lines.append(f"  {item['effect']} {item['name']}: {error}, truth {inside} its interval")
+    return lines
+
+
+def _campaign(arguments: argparse.Namespace) -> int:
+    from hd_control.cli.options import Progress, say
+    from hd_control.core.errors import ConfigError
+    from hd_sim.campaign import Campaign, run_campaign
+    from hd_sim.campaign_ask import ask, oracle
+
+    if arguments.n < 1 or arguments.jobs < 1 or arguments.seed < 0:
+        raise ConfigError("--n and --jobs must be at least 1, --seed at least 0")
+    judge = {"any": None, "library": False, "judge": True}[arguments.world]
+    campaign = Campaign(arguments.n, arguments.seed, arguments.kind, judge)
+    record = Path(arguments.record) if arguments.record else None
+    progress, records = Progress(arguments, arguments.n, "campaign"), []
+    interrupted = False
+    try:
+        for entry in run_campaign(campaign, ask, arguments.jobs, record, oracle):
+            records.append(entry)
+            progress.update(len(records))
+    except KeyboardInterrupt:
+        interrupted = True
+    progress.close()
+    _report(arguments, records)
+    if interrupted:
+        say(
+            arguments,
+            f"interrupted after {len(records)} of {arguments.n}" + (f"; go on with --record {record}" * bool(record)),
+        )
+    return 130 if interrupted else 0
+
+
+def _report(arguments: argparse.Namespace, records: list[dict[str, Any]]) -> None:
+    """The tables: all worlds, then those like the library and those of the judge apart."""
+    from hd_control.cli.options import say, write_json
+    from hd_sim.campaign_table import confusion, make_table, table_text
+
+    parts = {
+        "all worlds": records,
+        "worlds like the library": [r for r in records if not r["features"]],
+        "worlds of the judge": [r for r in records if r["features"]],
+    }
+    tables = {name: make_table(part) for name, part in parts.items() if part}
+    for name, rows in tables.items():
+        say(arguments, f"\n{name}, {len(parts[name])} joints\n\n{table_text(rows)}")
+    wrong = [entry for entry in confusion(records) if entry[0] != entry[1]]
+    if wrong:
+        say(arguments, "\none hidden effect, first answer another:")
+    for hidden, answer, count in wrong:
+        say(arguments, f"  {hidden} -> {answer}: {count}")
+    document = {name: [row.to_dict() for row in rows] for name, rows in tables.items()}
+    seeds = sorted(r["seed"] for r in records)
+    write_json(
+        arguments, {"schema": "hd.campaign/1", "seeds": seeds, "tables": document, "confusion": confusion(records)}
+    )

@@ -1,0 +1,67 @@
+"""How a campaign asks the diagnosis: columns and data-sheet values in, the JSON form of one joint out. Blind."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from hd_control.analysis.signals import JointSignals
+    from hd_control.drive.model import JointModel
+
+    from hd_sim.campaign import Question
+
+FloatArray = NDArray[np.float64]
+COLUMNS = (
+    "motor_shaft_position",
+    "joint_position",
+    "gauge_torque",
+    "motor_torque",
+    "temperature",
+    "reference_position",
+)
+
+
+def joint_model(model: Mapping[str, Any]) -> JointModel:
+    """The nominal model of a pair as the drive model's own type; every value says that it is of the data sheet."""
+    from hd_control.drive.model import JointModel, ModelValue
+
+    effects = {
+        effect: {name: ModelValue(value=value, source="datasheet") for name, value in values.items()}
+        for effect, values in model["effects"].items()
+    }
+    return JointModel(gear_ratio=model["gear_ratio"], rated_torque=model["rated_torque"], effects=effects)
+
+
+def joint_signals(columns: Mapping[str, FloatArray], joint: str, period: float) -> JointSignals:
+    """The columns of a recording as the analysis reads them from a bag."""
+    from hd_control.analysis.signals import JointSignals
+
+    return JointSignals(
+        joint=joint,
+        time=columns["time"],
+        period=period,
+        valid=np.ones(columns["time"].size, dtype=bool),
+        sources={name: name for name in COLUMNS},
+        period_command_delay=0,
+        notes=(),
+        **{name: columns[name] for name in COLUMNS},
+    )
+
+
+def ask(question: Question) -> Mapping[str, Any]:
+    """The diagnosis of the first recording, checked on the second."""
+    from hd_control.analysis.diagnose import diagnose_joint
+
+    joint = str(question.model["joint"])
+    fit, held_out = (joint_signals(c, joint, question.period) for c in (question.fit, question.held_out))
+    answer: Mapping[str, Any] = diagnose_joint(fit, joint_model(question.model), held_out).json()
+    return answer
+
+
+def oracle(question: Question, answer: Mapping[str, Any], names: Sequence[str]) -> float | None:
+    """Held-out reduction of the answer over that of the true names, both fitted on the first recording."""
+    return None
