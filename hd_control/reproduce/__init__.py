@@ -1,0 +1,1 @@
+"""The papers' tables and figures rebuilt beside ours: one module per paper, `rows` holds what they share."""

@@ -1,0 +1,184 @@
+"""One figure of a paper beside ours, and the papers that can be asked for their figures.
+
+A paper is a module `hd_control.reproduce.NAME` with
+
+    rows(quick: bool, seed: int, progress: Progress, seeds: int = 3) -> list[Row]
+    figures(quick: bool, seed: int, progress: Progress) -> list[tuple[str, plotly figure]]
+
+`quick` is the part that runs in the test suite. `seed` is the first seed of the noise, `seeds` how many are run where
+noise matters. Both are deterministic in their arguments. Nothing is said here about what a figure is compared with:
+`met` is computed from `ours` and `target`, never given.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol, cast
+
+import numpy as np
+
+PAPERS = ("zhu", "gandhi", "hashimoto")
+TITLES = {
+    "zhu": "Zhu: Precision Control of Robots with Harmonic Drives",
+    "gandhi": "Gandhi, Ghorbel: Control of Hysteresis and Kinematic Error Nonlinearities in Harmonic Drives",
+    "hashimoto": "Hashimoto, Kiyosawa, Paul: A Torque Sensing Technique for Robots with Harmonic Drives",
+}
+SCHEMA = "hd.reproduce/1"
+CAVEAT = (
+    "Constants that a paper does not give are chosen. Agreement shows that a result is plausible; it does not "
+    "identify the paper's hardware."
+)
+
+Progress = Callable[[float, str], None]
+"""Called with the share that is done, 0 to 1, and what is being done."""
+
+
+def silent(share: float, what: str) -> None:
+    """A Progress that says nothing."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure: the paper's value, ours and what was promised, all in `unit`.
+
+    `better` says how `ours` meets `target`: `less` (<=), `more` (>=) or `near` (within `tolerance`, same unit, of it).
+    `paper_value` None: the paper has no number for it. `target` None: nothing was promised. `chosen` names the
+    constants that the paper does not give. `seeds` is (median, worst) over noise seeds; `ours` is the median then and
+    `met` asks for the worst. `ours` NaN: the figure could not be made; it meets no target.
+    """
+
+    id: str
+    paper: str
+    equation: str
+    unit: str
+    paper_value: float | None
+    ours: float
+    target: float | None
+    conditions: str
+    better: Literal["less", "more", "near"] = "less"
+    chosen: tuple[str, ...] = ()
+    seeds: tuple[float, float] | None = None
+    tolerance: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.better not in ("less", "more", "near"):
+            raise ValueError(f"{self.id}: better {self.better!r} is not one of less, more, near")
+        if self.better == "near" and self.target is not None and not self.tolerance > 0.0:
+            raise ValueError(f"{self.id}: near needs a tolerance above 0")
+
+    @property
+    def worst(self) -> float:
+        """The value that is held against the target: of the worst seed, or `ours`."""
+        return self.ours if self.seeds is None else self.seeds[1]
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the target is met; None without a target."""
+        if self.target is None:
+            return None
+        if not math.isfinite(self.worst):
+            return False
+        if self.better == "near":
+            return abs(self.worst - self.target) <= self.tolerance
+        return self.worst <= self.target if self.better == "less" else self.worst >= self.target
+
+    def as_json(self) -> dict[str, Any]:
+        """The row of schema hd.reproduce/1."""
+        document: dict[str, Any] = {"id": self.id, "paper": self.paper, "equation": self.equation, "unit": self.unit}
+        document |= {"paper_value": self.paper_value, "ours": self.ours, "target": self.target, "met": self.met}
+        document |= {"conditions": self.conditions, "better": self.better, "tolerance": self.tolerance}
+        seeds = None if self.seeds is None else {"median": self.seeds[0], "worst": self.seeds[1]}
+        return {**document, "chosen": list(self.chosen), "seeds": seeds}
+
+
+def over_seeds(
+    values: Sequence[float], better: Literal["less", "more", "near"] = "less", target: float = 0.0
+) -> tuple[float, tuple[float, float]]:
+    """`ours` and `seeds` of a row from the values of several noise seeds: the median, and (median, worst).
+
+    Worst is the largest for `less`, the smallest for `more`, the farthest from `target` for `near`. A value that is
+    not a number is the worst of all and the median with it. Raises ValueError for no values.
+    """
+    found = np.asarray(values, dtype=float)
+    if found.size == 0:
+        raise ValueError("no values")
+    if np.isnan(found).any():
+        return math.nan, (math.nan, math.nan)
+    distance = {"less": found, "more": -found, "near": np.abs(found - target)}[better]
+    median = float(np.median(found))
+    return median, (median, float(found[int(np.argmax(distance))]))
+
+
+class Paper(Protocol):
+    """What a paper's module offers."""
+
+    def rows(self, quick: bool, seed: int, progress: Progress, seeds: int = 3) -> list[Row]: ...
+
+    def figures(self, quick: bool, seed: int, progress: Progress) -> list[tuple[str, Any]]: ...
+
+
+def available() -> list[str]:
+    """The papers that have a module, without importing them."""
+    return [name for name in PAPERS if importlib.util.find_spec(f"hd_control.reproduce.{name}") is not None]
+
+
+def load_paper(name: str) -> Paper:
+    """The module of a paper. Raises ValueError if there is none."""
+    if name not in available():
+        raise ValueError(f"no paper {name!r}; there is {', '.join(available())}")
+    return cast(Paper, importlib.import_module(f"hd_control.reproduce.{name}"))
+
+
+def document(rows: Sequence[Row], seed: int) -> dict[str, Any]:
+    """The document of schema hd.reproduce/1. Raises ValueError if an id is there twice."""
+    names = [row.id for row in rows]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"row {twice[0]} is there twice")
+    return {"schema": SCHEMA, "seed": seed, "rows": [row.as_json() for row in rows]}
+
+
+def number(value: float | None) -> str:
+    """Three significant digits, `-` for nothing."""
+    return "-" if value is None else f"{value:.3g}"
+
+
+def target_text(row: Row) -> str:
+    """`<= 0.2`, `>= 3000`, `50.7 ± 0.01` or `-`."""
+    if row.target is None:
+        return "-"
+    if row.better == "near":
+        return f"{row.target:.4g} ± {row.tolerance:.2g}"
+    return f"{'<=' if row.better == 'less' else '>='} {row.target:.3g}"
+
+
+def met_text(row: Row) -> str:
+    """`yes`, `no`, or nothing without a target."""
+    return {True: "yes", False: "NO", None: ""}[row.met]
+
+
+def table(rows: Sequence[Row]) -> Iterator[str]:
+    """The rows as text: one line each, under a head for each paper; conditions and chosen constants below."""
+    width = max((len(row.id) for row in rows), default=0)
+    for paper in dict.fromkeys(row.paper for row in rows):
+        own = [row for row in rows if row.paper == paper]
+        yield TITLES.get(paper, paper)
+        yield f"  {'':{width}}{'paper':>11}{'ours':>11}{'worst':>11}  {'target':>16}  met  unit"
+        for row in own:
+            worst = number(row.worst) if row.seeds is not None else ""
+            cells = f"{number(row.paper_value):>11}{number(row.ours):>11}{worst:>11}  {target_text(row):>16}"
+            yield f"  {row.id:{width}}{cells}  {met_text(row):3}  {row.unit}"
+        yield from chosen_lines(own)
+        yield ""
+
+
+def chosen_lines(rows: Sequence[Row]) -> Iterator[str]:
+    """The constants that the paper does not give, each once."""
+    names = list(dict.fromkeys(name for row in rows for name in row.chosen))
+    if names:
+        yield "  chosen:"
+        yield from (f"    {name}" for name in names)
