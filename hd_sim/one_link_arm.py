@@ -21,7 +21,7 @@ def one_link_layout() -> Layout:
 
 
 class OneLinkArm:
-    """The arm at rest at zero. `values` holds every constant of `one_link_layout()`; a link inertia of 0 locks the link.
+    """The arm at rest at zero. `values` holds every constant of `one_link_layout()`; a link inertia of 0 locks it.
 
     `measured` is a live view (6,): joint position, velocity and torque, motor position and velocity, motor torque;
     rad, rad/s, N m, output side. Raises KeyError for a missing constant, ValueError for a wrong shape.

@@ -6,7 +6,7 @@ Gandhi and Ghorbel, corrected. `composition` says how much of it acts:
 - `tau_2`, `tau_1`, `tau_0`: the slow terms up to that one, for ablation.
 - `comparison`: the controller (31) that knows neither kinematic error nor hysteresis; the load is used once.
 
-`prediction_samples` moves the measurement to the middle of the hold of the command with the law's own model: 0.5 without
+`prediction_samples` moves the measurement to the middle of the hold of the command with the law's model: 0.5 without
 delay, 1.5 with one sample of delay, 0 switches it off. Joints do not know of each other: it is a law for one joint, or
 for joints whose coupling is small. The law itself is hd_control/cpp/integral_manifold.hpp; docs/papers_gandhi.md.
 """

@@ -1,7 +1,12 @@
-"""Torque law: from the required joint torque to the motor torque. `law`: `adaptive` (Zhu, section III) or `direct`.
+"""Torque law: from the required joint torque to the motor torque, `law`:
 
-`direct` sends the required torque to the motor, for motion laws that command the motor themselves. `configure` picks
-the joints named by `joints` out of the lists of all joints; one joint alone computes the same bits as among seven.
+- `adaptive`: Zhu, section III.
+- `direct` sends the required torque to the motor, for motion laws that command the motor themselves.
+- `torque_feedback`: Hashimoto (19), control/torque_feedback.py.
+- `integral_manifold`: Gandhi and Ghorbel (26), control/integral_manifold.py; follows the wanted position itself.
+
+`configure` picks the joints named by `joints` out of the lists of all joints; one joint alone computes the same bits as
+among seven. The kind of the parameter block tells `step` which law it belongs to.
 """
 
 from __future__ import annotations
@@ -14,17 +19,25 @@ from typing import Any, Protocol
 import numpy as np
 
 from hd_control import _torque
+from hd_control.control import integral_manifold, torque_adaptive, torque_feedback
 from hd_control.control.torque_adaptive import (
     COMPLIANCE_DERIVATIVES,
     HARMONICS,
     LAWS,
-    PARAMETERS,
     RATE_SOURCES,
     warnings,
 )
 from hd_control.core.blocks import Block, Layout, layout_of
 from hd_control.core.errors import ConfigError
+from hd_control.core.parameters import ParameterSet
 
+PARAMETERS = ParameterSet(
+    "torque law",
+    tuple(dict.fromkeys((*torque_adaptive.PARAMETERS.parameters, *integral_manifold.OWN, *torque_feedback.OWN))),
+    torque_adaptive.PARAMETERS.rules,
+)
+_OTHER_LAWS: Mapping[str, Any] = {"integral_manifold": integral_manifold, "torque_feedback": torque_feedback}
+_LAW_OF_BLOCK: Mapping[str, Any] = {"ManifoldParams": integral_manifold, "FeedbackParams": torque_feedback}
 _SCALED = ("adaptation_gain_coulomb", "adaptation_gain_viscous", "adaptation_gain_compliance")
 
 
@@ -64,6 +77,8 @@ def configure(values: Mapping[str, Any], robot: NamedJoints | None, dt: float) -
         raise ConfigError(f"{PARAMETERS.owner}: the robot has no joint {strangers[0]}; it has {known}")
     names = selected_joints(own)
     chosen = PARAMETERS.select(own, names)
+    if own["law"] in _OTHER_LAWS:
+        return _OTHER_LAWS[own["law"]].configure(chosen, robot, dt)  # type: ignore[no-any-return]
     numbers: dict[str, Any] = {name: chosen[name] for name in layout("TorqueParams", 1).slices if name in chosen}
     numbers["law"] = LAWS.index(own["law"])
     numbers["compliance_derivative"] = COMPLIANCE_DERIVATIVES.index(own["compliance_derivative"])
@@ -88,7 +103,12 @@ def new_reference(joints: int) -> Block:
 
 
 def initial_state(params: Block, sample: Block | None = None) -> Block:
-    """Estimates at their start values; the filters fill with the first sample and reference that `step` sees."""
+    """Estimates at their start values; the filters fill with the first sample and reference that `step` sees.
+
+    Every law's state has a field `started`, 0 until then."""
+    other = _LAW_OF_BLOCK.get(params.layout.name)
+    if other is not None:
+        return other.initial_state(params, sample)  # type: ignore[no-any-return]
     state = layout("TorqueState", params.joints).zeros()
     for name in ("coulomb_torque", "friction_offset", "viscous_positive", "viscous_negative", "torsional_compliance"):
         state.view(name)[...] = params.view(f"{name}_initial")
@@ -103,10 +123,13 @@ def restarted(state: Block) -> Block:
 
 
 def step(params: Block, state: Block, sample: Block, reference: Block, dt: float) -> tuple[Block, Block]:
-    """One sample. Returns (TorqueOutput, new TorqueState); the inputs stay as they were.
+    """One sample. Returns (output, new state) of the law; the inputs stay as they were.
 
     A joint whose inputs are not finite gets a torque that is not finite (the gate stops on it) and keeps its state.
     """
+    other = _LAW_OF_BLOCK.get(params.layout.name)
+    if other is not None:
+        return other.step(params, state, sample, reference, dt)  # type: ignore[no-any-return]
     joints = state.layout.joints
     output = layout("TorqueOutput", joints).zeros()
     new_state = Block(state.layout, np.empty(state.layout.size))

@@ -15,7 +15,7 @@ from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
 HARMONICS = 4
 COMPLIANCE_DERIVATIVES = ("literal", "stiffness_only", "filtered")
 RATE_SOURCES = ("plain", "error_filter")
-LAWS = ("adaptive", "direct")
+LAWS = ("adaptive", "direct", "integral_manifold", "torque_feedback")
 LOOP_WARNING = 0.5
 TABLE_1, TABLE_2 = "Zhu, Table I", "Zhu, Table II"
 
@@ -174,7 +174,9 @@ PARAMETERS = ParameterSet(
     (
         Parameter("joint_names", "joints, in the order of every list", kind=str, shape=Shape.LIST, change=Change.FIXED),
         Parameter("joints", "joints to control; none named: all", kind=str, shape=Shape.LIST, change=Change.FIXED),
-        _choice("law", "adaptive joint torque control, or the required torque sent to the motor as it is", LAWS),
+        _choice(
+            "law", "adaptive joint torque control, required torque sent to the motor as it is, or another law", LAWS
+        ),
         _choice("compliance_derivative", "derivatives of the wanted torsion", COMPLIANCE_DERIVATIVES),
         _choice("rate_source", "rates from the measurements, or from the tracking error", RATE_SOURCES),
         _switch("kinematic_feedforward", "take the known kinematic error off the wanted rotor motion", Change.INACTIVE),

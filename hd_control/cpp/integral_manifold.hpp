@@ -166,8 +166,9 @@ struct ManifoldStep {
 };
 
 inline Wanted wanted(const ManifoldReference& ref, int j) {
-    return {ref.desired_position[j], ref.desired_velocity[j], ref.desired_acceleration[j], ref.desired_jerk[j],
-            ref.desired_snap[j],     ref.load_torque[j],      ref.load_rate[j],            ref.load_acceleration[j]};
+    return {ref.desired_position[j], ref.desired_velocity[j], ref.desired_acceleration[j],
+            ref.desired_jerk[j],     ref.desired_snap[j],     ref.load_torque[j],
+            ref.load_rate[j],        ref.load_acceleration[j]};
 }
 
 // One joint, one sample. A joint whose inputs give no finite torque says so and keeps its memory as it was.
@@ -222,11 +223,18 @@ inline Wanted wanted_from_history(const ManifoldParams& p, ManifoldState& state,
     }
     const double v1 = state.velocity_1[j], v2 = state.velocity_2[j], v3 = state.velocity_3[j];
     const double L1 = state.required_1[j], L2 = state.required_2[j];
-    Wanted w{ref.desired_position[j], v, (11 * v - 18 * v1 + 9 * v2 - 2 * v3) / (6 * T),
-             (2 * v - 5 * v1 + 4 * v2 - v3) / (T * T), (v - 3 * v1 + 3 * v2 - v3) / (T * T * T), 0.0, 0.0, 0.0};
+    Wanted w{ref.desired_position[j],
+             v,
+             (11 * v - 18 * v1 + 9 * v2 - 2 * v3) / (6 * T),
+             (2 * v - 5 * v1 + 4 * v2 - v3) / (T * T),
+             (v - 3 * v1 + 3 * v2 - v3) / (T * T * T),
+             0.0,
+             0.0,
+             0.0};
     if (p.load_source[0] == 0.0) {
         const double c = std::cos(w.r), s = std::sin(w.r);
-        const double slope = p.load_sine[j] * c - p.load_cosine[j] * s, bend = -(p.load_cosine[j] * c + p.load_sine[j] * s);
+        const double slope = p.load_sine[j] * c - p.load_cosine[j] * s,
+                     bend = -(p.load_cosine[j] * c + p.load_sine[j] * s);
         w.load = p.load_constant[j] - bend;
         w.load1 = slope * w.r1;
         w.load2 = slope * w.r2 + bend * w.r1 * w.r1;

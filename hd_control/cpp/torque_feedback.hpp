@@ -2,7 +2,7 @@
 //
 //   code                            paper        code                                      paper
 //   joint_torque, .._required       T_J, T_d     rotor_inertia, link_inertia               J = N^2 J_M, J_L
-//   torsional_stiffness             K            proportional_gain, rate_gain, _integral   K_p, K_d, K_i (0 in the paper)
+//   torsional_stiffness             K            proportional_gain, rate_gain, integral  K_p, K_d, K_i (paper: 0)
 //   motor_torque                    N tau_M
 #pragma once
 
@@ -14,44 +14,44 @@
 
 namespace hd {
 
-#define HD_FEEDBACK_PARAMS(FIELD)                                                              \
-    FIELD(setpoint_kick, 0, "-", "1: rates of the required torque by difference, 0: none")     \
-    FIELD(rate_pole, 0, "-", "pole of the filter on the torque rate")                          \
-    FIELD(rotor_inertia, 1, "kg m^2", "J")                                                     \
-    FIELD(link_inertia, 1, "kg m^2", "J_L; 0: the link is locked")                             \
-    FIELD(torsional_stiffness, 1, "N m/rad", "K")                                              \
-    FIELD(proportional_gain, 1, "1/s^2", "K_p")                                                \
-    FIELD(rate_gain, 1, "1/s", "K_d")                                                          \
-    FIELD(integral_gain, 1, "1/s^3", "K_i")                                                    \
-    FIELD(integral_limit, 1, "N m", "largest integral term")                                   \
-    FIELD(friction_torque, 1, "N m", "Coulomb friction fed forward, output side")              \
-    FIELD(friction_rate, 1, "N m/s", "rate of the required torque at which it is 76 % there")  \
+#define HD_FEEDBACK_PARAMS(FIELD)                                                             \
+    FIELD(setpoint_kick, 0, "-", "1: rates of the required torque by difference, 0: none")    \
+    FIELD(rate_pole, 0, "-", "pole of the filter on the torque rate")                         \
+    FIELD(rotor_inertia, 1, "kg m^2", "J")                                                    \
+    FIELD(link_inertia, 1, "kg m^2", "J_L; 0: the link is locked")                            \
+    FIELD(torsional_stiffness, 1, "N m/rad", "K")                                             \
+    FIELD(proportional_gain, 1, "1/s^2", "K_p")                                               \
+    FIELD(rate_gain, 1, "1/s", "K_d")                                                         \
+    FIELD(integral_gain, 1, "1/s^3", "K_i")                                                   \
+    FIELD(integral_limit, 1, "N m", "largest integral term")                                  \
+    FIELD(friction_torque, 1, "N m", "Coulomb friction fed forward, output side")             \
+    FIELD(friction_rate, 1, "N m/s", "rate of the required torque at which it is 76 % there") \
     FIELD(motor_torque_limit, 1, "N m", "largest motor torque, output side")
 
-#define HD_FEEDBACK_REFERENCE(FIELD)                                   \
-    FIELD(joint_torque_required, 1, "N m", "T_d")                      \
-    FIELD(required_torque_rate, 1, "N m/s", "T_d'")                    \
+#define HD_FEEDBACK_REFERENCE(FIELD)                \
+    FIELD(joint_torque_required, 1, "N m", "T_d")   \
+    FIELD(required_torque_rate, 1, "N m/s", "T_d'") \
     FIELD(required_torque_acceleration, 1, "N m/s^2", "T_d''")
 
-#define HD_FEEDBACK_STATE(FIELD)                                                  \
-    FIELD(started, 1, "-", "1 after the first usable sample")                     \
-    FIELD(joint_torque_last, 1, "N m", "joint torque of the last sample")         \
-    FIELD(joint_torque_rate, 1, "N m/s", "filtered rate of the joint torque")     \
-    FIELD(integral, 1, "N m s", "integral of the torque error")                   \
-    FIELD(required_torque_last, 1, "N m", "required torque of the last sample")   \
+#define HD_FEEDBACK_STATE(FIELD)                                                \
+    FIELD(started, 1, "-", "1 after the first usable sample")                   \
+    FIELD(joint_torque_last, 1, "N m", "joint torque of the last sample")       \
+    FIELD(joint_torque_rate, 1, "N m/s", "filtered rate of the joint torque")   \
+    FIELD(integral, 1, "N m s", "integral of the torque error")                 \
+    FIELD(required_torque_last, 1, "N m", "required torque of the last sample") \
     FIELD(required_rate_last, 1, "N m/s", "its rate of the last sample")
 
-#define HD_FEEDBACK_OUTPUT(FIELD)                                                                 \
-    FIELD(motor_torque, 1, "N m", "u, output side: sum of the terms and saturation_torque")       \
-    FIELD(acceleration_term, 1, "N m", "term: J/K T_d''")                                         \
-    FIELD(rate_term, 1, "N m", "term: J/K K_d (T_d' - T_J')")                                     \
-    FIELD(proportional_term, 1, "N m", "term: J/K K_p (T_d - T_J)")                               \
-    FIELD(integral_term, 1, "N m", "term: J/K K_i integral of T_d - T_J")                         \
-    FIELD(feedforward_term, 1, "N m", "term: T_d (1 + J/J_L)")                                    \
-    FIELD(friction_term, 1, "N m", "term: friction fed forward in the sense of T_d'")             \
-    FIELD(saturation_torque, 1, "N m", "what motor_torque_limit took off")                        \
-    FIELD(joint_torque_error, 1, "N m", "T_d - T_J")                                              \
-    FIELD(joint_torque_rate, 1, "N m/s", "T_J'")                                                  \
+#define HD_FEEDBACK_OUTPUT(FIELD)                                                           \
+    FIELD(motor_torque, 1, "N m", "u, output side: sum of the terms and saturation_torque") \
+    FIELD(acceleration_term, 1, "N m", "term: J/K T_d''")                                   \
+    FIELD(rate_term, 1, "N m", "term: J/K K_d (T_d' - T_J')")                               \
+    FIELD(proportional_term, 1, "N m", "term: J/K K_p (T_d - T_J)")                         \
+    FIELD(integral_term, 1, "N m", "term: J/K K_i integral of T_d - T_J")                   \
+    FIELD(feedforward_term, 1, "N m", "term: T_d (1 + J/J_L)")                              \
+    FIELD(friction_term, 1, "N m", "term: friction fed forward in the sense of T_d'")       \
+    FIELD(saturation_torque, 1, "N m", "what motor_torque_limit took off")                  \
+    FIELD(joint_torque_error, 1, "N m", "T_d - T_J")                                        \
+    FIELD(joint_torque_rate, 1, "N m/s", "T_J'")                                            \
     FIELD(required_torque_rate, 1, "N m/s", "T_d'")
 
 HD_BLOCK(FeedbackParams, HD_FEEDBACK_PARAMS)

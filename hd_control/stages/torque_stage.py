@@ -42,7 +42,9 @@ class TorqueStage(Stage):
         """
         kept = None if self.state is None else torque.restarted(self.state)
         super().start()
-        self.state = kept
+        assert self.params is not None
+        same_law = kept is not None and kept.layout == torque.initial_state(self.params).layout
+        self.state = kept if same_law else None
         self.gate_state, self.gate_open = gate.deactivate(self.gate_state), False
 
     def read(self, bus: Bus) -> None:
@@ -114,6 +116,8 @@ class TorqueStage(Stage):
                 "viscous_negative",
                 "torsional_compliance",
             ):
+                if name not in self.state.layout.slices:
+                    continue
                 values[name] = " ".join(f"{number:.6g}" for number in self.state.view(name))
         if self.exception is not None:
             return ERROR, f"{FaultCode.EXCEPTION.text}: {self.exception!r}", values

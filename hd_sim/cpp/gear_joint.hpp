@@ -20,21 +20,21 @@ namespace hd_sim {
 
 constexpr int kGearHarmonics = 4;
 
-#define HD_GEAR_JOINT(FIELD)                                                              \
-    FIELD(rotor_inertia, 0, "kg m^2", "J_m, motor side")                                  \
-    FIELD(rotor_damping, 0, "N m s", "B_m, motor side")                                   \
-    FIELD(link_inertia, 0, "kg m^2", "J_l")                                               \
-    FIELD(link_damping, 0, "N m s", "B_l")                                                \
-    FIELD(gear_ratio, 0, "-", "N")                                                        \
-    FIELD(stiffness_linear, 0, "N m/rad", "K or m_1")                                     \
-    FIELD(stiffness_cubic, 0, "N m/rad^3", "m_2")                                         \
-    FIELD(stiffness_quintic, 0, "N m/rad^5", "m_3")                                       \
-    FIELD(hysteresis_stiffness, 0, "N m/rad", "A")                                        \
-    FIELD(hysteresis_rate, 0, "1/rad", "alpha")                                           \
-    FIELD(load_amplitude, 0, "N m", "load torque: amplitude sin(frequency time)")         \
-    FIELD(load_frequency, 0, "rad/s", "frequency of the load torque")                     \
-    FIELD(kinematic_phase, 0, "rad", "assembly phase added to the rotor angle")           \
-    FIELD(kinematic_cosine, 4, "rad", "theta_p: cos n theta_m, n = 1 .. 4")               \
+#define HD_GEAR_JOINT(FIELD)                                                      \
+    FIELD(rotor_inertia, 0, "kg m^2", "J_m, motor side")                          \
+    FIELD(rotor_damping, 0, "N m s", "B_m, motor side")                           \
+    FIELD(link_inertia, 0, "kg m^2", "J_l")                                       \
+    FIELD(link_damping, 0, "N m s", "B_l")                                        \
+    FIELD(gear_ratio, 0, "-", "N")                                                \
+    FIELD(stiffness_linear, 0, "N m/rad", "K or m_1")                             \
+    FIELD(stiffness_cubic, 0, "N m/rad^3", "m_2")                                 \
+    FIELD(stiffness_quintic, 0, "N m/rad^5", "m_3")                               \
+    FIELD(hysteresis_stiffness, 0, "N m/rad", "A")                                \
+    FIELD(hysteresis_rate, 0, "1/rad", "alpha")                                   \
+    FIELD(load_amplitude, 0, "N m", "load torque: amplitude sin(frequency time)") \
+    FIELD(load_frequency, 0, "rad/s", "frequency of the load torque")             \
+    FIELD(kinematic_phase, 0, "rad", "assembly phase added to the rotor angle")   \
+    FIELD(kinematic_cosine, 4, "rad", "theta_p: cos n theta_m, n = 1 .. 4")       \
     FIELD(kinematic_sine, 4, "rad", "theta_p: sin n theta_m, n = 1 .. 4")
 
 HD_BLOCK(GearJointParams, HD_GEAR_JOINT)
@@ -44,8 +44,10 @@ struct GearMotion {
 };
 
 class GearJoint {
-public:
-    explicit GearJoint(const std::vector<double>& numbers) : numbers_(numbers), p_(numbers_.data(), 1) { wind_ = wind(now_); }
+  public:
+    explicit GearJoint(const std::vector<double>& numbers) : numbers_(numbers), p_(numbers_.data(), 1) {
+        wind_ = wind(now_);
+    }
     GearJoint(const GearJoint&) = delete;
     GearJoint& operator=(const GearJoint&) = delete;
 
@@ -60,7 +62,7 @@ public:
     double wind_up() const { return wind_; }
     double spring_torque() const { return spring(wind_) + hysteresis_; }
 
-private:
+  private:
     struct Shape {
         double value = 0.0, slope = 0.0;
     };

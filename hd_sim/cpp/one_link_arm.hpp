@@ -15,19 +15,19 @@
 
 namespace hd_sim {
 
-#define HD_ONE_LINK_ARM(FIELD)                                                             \
-    FIELD(rotor_inertia, 0, "kg m^2", "J, output side")                                    \
-    FIELD(link_inertia, 0, "kg m^2", "J_L; 0: the link is locked")                         \
-    FIELD(stiffness, 0, "N m/rad", "K")                                                    \
-    FIELD(coulomb_torque, 0, "N m", "N tau_F, output side")                                \
-    FIELD(presliding_distance, 0, "rad", "x_pre of the bristle, output side")              \
-    FIELD(bristle_damping, 0, "-", "factor on sqrt(bristle stiffness rotor inertia)")      \
+#define HD_ONE_LINK_ARM(FIELD)                                                        \
+    FIELD(rotor_inertia, 0, "kg m^2", "J, output side")                               \
+    FIELD(link_inertia, 0, "kg m^2", "J_L; 0: the link is locked")                    \
+    FIELD(stiffness, 0, "N m/rad", "K")                                               \
+    FIELD(coulomb_torque, 0, "N m", "N tau_F, output side")                           \
+    FIELD(presliding_distance, 0, "rad", "x_pre of the bristle, output side")         \
+    FIELD(bristle_damping, 0, "-", "factor on sqrt(bristle stiffness rotor inertia)") \
     FIELD(viscous, 0, "N m s", "viscous friction, output side")
 
 HD_BLOCK(OneLinkParams, HD_ONE_LINK_ARM)
 
 class OneLinkArm {
-public:
+  public:
     explicit OneLinkArm(const std::vector<double>& numbers) : numbers_(numbers), p_(numbers_.data(), 1) {}
     OneLinkArm(const OneLinkArm&) = delete;
     OneLinkArm& operator=(const OneLinkArm&) = delete;
@@ -39,7 +39,7 @@ public:
     double rotor = 0.0, rotor_rate = 0.0, link = 0.0, link_rate = 0.0, bristle = 0.0;
     double joint_torque() const { return p_.stiffness[0] * (rotor - link); }
 
-private:
+  private:
     void step(double motor_torque, double dt) {
         const double torque = joint_torque();
         rotor_rate += dt * (motor_torque - torque - friction(dt)) / p_.rotor_inertia[0];

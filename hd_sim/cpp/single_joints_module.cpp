@@ -27,7 +27,9 @@ struct GearJointFace {
     double ratio;
     Array measured = zeros(kMeasured);
 
-    GearJointFace(const std::vector<double>& params, double gear_ratio) : joint(params), ratio(gear_ratio) { show(0.0); }
+    GearJointFace(const std::vector<double>& params, double gear_ratio) : joint(params), ratio(gear_ratio) {
+        show(0.0);
+    }
 
     void advance(double output_side_torque, double dt, int steps) {
         joint.advance(output_side_torque / ratio, dt, steps);

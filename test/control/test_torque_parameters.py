@@ -8,7 +8,8 @@ import pytest
 import yaml
 
 from hd_control.control import torque
-from hd_control.control.torque_adaptive import PARAMETERS, loop_gains, warnings
+from hd_control.control.torque import PARAMETERS
+from hd_control.control.torque_adaptive import loop_gains, warnings
 from hd_control.core.errors import ConfigError
 from hd_control.core.parameters import Shape
 from hd_control.core.resources import config_path
