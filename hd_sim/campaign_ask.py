@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from hd_control.analysis.signals import JointSignals
-    from hd_control.drive.model import JointModel
-
+    from hd_control.analysis.signals import Recording
+    from hd_control.drive.model import Model
     from hd_sim.campaign import Question
 
 FloatArray = NDArray[np.float64]
@@ -25,41 +24,45 @@ COLUMNS = (
 )
 
 
-def joint_model(model: Mapping[str, Any]) -> JointModel:
+def nominal_model(model: Mapping[str, Any]) -> Model:
     """The nominal model of a pair as the drive model's own type; every value says that it is of the data sheet."""
-    from hd_control.drive.model import JointModel, ModelValue
+    from hd_control.drive.model import JointModel, Model, ModelValue
 
     effects = {
         effect: {name: ModelValue(value=value, source="datasheet") for name, value in values.items()}
         for effect, values in model["effects"].items()
     }
-    return JointModel(gear_ratio=model["gear_ratio"], rated_torque=model["rated_torque"], effects=effects)
+    joint = JointModel(gear_ratio=model["gear_ratio"], rated_torque=model["rated_torque"], effects=effects)
+    return Model(model["robot"], {model["joint"]: joint})
 
 
-def joint_signals(columns: Mapping[str, FloatArray], joint: str, period: float) -> JointSignals:
+def recording(columns: Mapping[str, FloatArray], joint: str, period: float) -> Recording:
     """The columns of a recording as the analysis reads them from a bag."""
-    from hd_control.analysis.signals import JointSignals
+    from hd_control.analysis.signals import JointSignals, Recording
 
-    return JointSignals(
+    signals = JointSignals(
         joint=joint,
         time=columns["time"],
         period=period,
         valid=np.ones(columns["time"].size, dtype=bool),
         sources={name: name for name in COLUMNS},
-        period_command_delay=0,
-        notes=(),
-        **{name: columns[name] for name in COLUMNS},
+        motor_shaft_position=columns["motor_shaft_position"],
+        joint_position=columns["joint_position"],
+        gauge_torque=columns["gauge_torque"],
+        motor_torque=columns["motor_torque"],
+        temperature=columns["temperature"],
+        reference_position=columns["reference_position"],
     )
+    return Recording("", "", {joint: signals})
 
 
 def ask(question: Question) -> Mapping[str, Any]:
-    """The diagnosis of the first recording, checked on the second."""
-    from hd_control.analysis.diagnose import diagnose_joint
+    """The diagnosis of the first recording."""
+    from hd_control.analysis.workbench import diagnose_joint
 
     joint = str(question.model["joint"])
-    fit, held_out = (joint_signals(c, joint, question.period) for c in (question.fit, question.held_out))
-    answer: Mapping[str, Any] = diagnose_joint(fit, joint_model(question.model), held_out).json()
-    return answer
+    answer = diagnose_joint(recording(question.fit, joint, question.period), nominal_model(question.model), joint)
+    return answer.json()
 
 
 def oracle(question: Question, answer: Mapping[str, Any], names: Sequence[str]) -> float | None:

@@ -95,7 +95,7 @@ def compare(task: Task, written: FloatArray | None, noises: Mapping[str, Noise] 
 
     The assembly zero of the joint sensor is no property of a model: it is always refitted.
     """
-    from hd_control.analysis.dictionary import Candidate
+    from hd_control.analysis.groups import Candidate
 
     noises = noises or noises_of(task)
     channels = list(task.equations.channels)

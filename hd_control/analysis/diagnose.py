@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hd_control.analysis.channels import JointEquations
 from hd_control.analysis.confidence import confidence
 from hd_control.analysis.curves import curves
-from hd_control.analysis.dictionary import Candidate, Dictionary, Group, build, curve_candidates, library_candidates
-from hd_control.analysis.equations import JointEquations
+from hd_control.analysis.dictionary import Dictionary, build
 from hd_control.analysis.fit import Fit, RawRows
 from hd_control.analysis.gates import Coverage, Lack, coverage, lacks, unsupported
+from hd_control.analysis.groups import Candidate, Group, curve_candidates, library_candidates
 from hd_control.analysis.intervals import Bootstrap
 from hd_control.analysis.leftover import bursts
 from hd_control.analysis.refine import refine

@@ -6,53 +6,22 @@ columns have unit norm after whitening; a coefficient that acts on several chann
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hd_control.analysis.bands import FloatArray
-from hd_control.analysis.curves import Curve
-from hd_control.analysis.equations import Channel, JointEquations
+from hd_control.analysis.channels import Channel, JointEquations
+from hd_control.analysis.groups import Candidate, Group, IntArray, group_of
 from hd_control.analysis.joint_states import BoolArray
 from hd_control.analysis.noise import Noise, fit_noise
-from hd_control.drive.effect import Columns, DriveStates, Effect, Shape
 
-IntArray = NDArray[np.int64]
 RIDGE_LIBRARY = 1e-9
 RIDGE_CURVE = 3e-3
 """On columns of unit norm. Knots that a training fold never visits otherwise ruin the held-out score."""
 RIDGE_NOISE = 1e-7
 LARGEST_NOISE_RATIO = 2.0
-
-
-@dataclass(frozen=True)
-class Group:
-    """What is added or dropped as one. `index`: its coefficients in the dictionary."""
-
-    name: str
-    index: IntArray
-    channels: tuple[str, ...]
-    effect: type[Effect] | None = None
-    shape: Shape = field(default_factory=dict)
-    curve: Curve | None = None
-
-    @property
-    def is_curve(self) -> bool:
-        """True for a free curve."""
-        return self.curve is not None
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A group before it is in the dictionary: raw columns (n, k) by channel at the rate of the recording."""
-
-    name: str
-    columns: Columns
-    effect: type[Effect] | None = None
-    shape: Shape = field(default_factory=dict)
-    curve: Curve | None = None
 
 
 @dataclass(frozen=True)
@@ -144,29 +113,6 @@ class Dictionary:
         return sum(rows.left.size for name, rows in self.rows.items() if name in group.channels)
 
 
-def library_candidates(
-    effects: Iterable[type[Effect]], states: DriveStates, channels: Sequence[str]
-) -> list[Candidate]:
-    """Every shape of every effect that acts on one of the channels and whose columns are finite on this recording."""
-    found = []
-    for effect in effects:
-        for shape in effect.shapes(states):
-            columns = {n: c for n, c in effect.columns(states, shape).items() if n in channels}
-            finite = all(np.isfinite(c).all() for c in columns.values())
-            if (
-                columns
-                and finite
-                and any(np.ptp(c, axis=0).max(initial=0.0) > 0.0 or c.any() for c in columns.values())
-            ):
-                found.append(Candidate(effect.name, columns, effect, shape))
-    return found
-
-
-def curve_candidates(found: Iterable[Curve]) -> list[Candidate]:
-    """Free curves as candidates."""
-    return [Candidate(curve.name, curve.columns, curve=curve) for curve in found]
-
-
 @dataclass(frozen=True)
 class Blocks:
     """Blocks of `length` s with a guard, dealt to `folds` folds in turn."""
@@ -206,13 +152,6 @@ def build(
     groups = layout.groups
     known, free = tuple(groups[: len(fixed)]), tuple(groups[len(fixed) :])
     return Dictionary(equations, rows, layout.base, tuple(layout.base_names), known, free, norm, ridge)
-
-
-def group_of(candidate: Candidate, start: int) -> Group:
-    """The group of a candidate whose first coefficient is `start`."""
-    width = next(iter(candidate.columns.values())).shape[1]
-    index = np.arange(start, start + width)
-    return Group(candidate.name, index, tuple(candidate.columns), candidate.effect, candidate.shape, candidate.curve)
 
 
 class _Layout:

@@ -12,12 +12,12 @@ enters as a correction with its prior.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hd_control.analysis.bands import Band, FloatArray, Spectral, band_for
+from hd_control.analysis.channels import Base, Channel, JointEquations, Known, LinkFunction, LinkTerms
 from hd_control.analysis.joint_states import BoolArray, Derived, derive, drive_states, noise_density
 from hd_control.analysis.signals import JointSignals
 from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, DriveStates
@@ -40,86 +40,6 @@ SIGNAL_DELAY_PRIOR = 5e-4
 
 DAMPING_ROUNDS = 3
 LONGEST_DAMPING = 0.02
-
-LinkTerms = tuple[FloatArray, FloatArray, FloatArray | None, FloatArray | None]
-"""Nominal M q'' and bias (rows,), own-link and tool regressors (rows, 10) or None, at the rows of the link channel."""
-LinkFunction = Callable[[Band, Spectral], LinkTerms]
-
-
-@dataclass(frozen=True)
-class Base:
-    """A free column that every model has. `prior` is the standard deviation of its coefficient around zero."""
-
-    name: str
-    column: FloatArray
-    prior: float = np.inf
-
-
-@dataclass(frozen=True)
-class Channel:
-    """One balance on its decimated rows: `left` (rows,) = base columns and effects; unit of the channel.
-
-    `damping_time` s: of the spring, around which the torsion is linear (transmission only).
-    `scale`: index of the base column whose coefficient (negated) is a or b; None where the torque stands on the left.
-    """
-
-    name: str
-    band: Band
-    spectral: Spectral
-    time: FloatArray
-    valid: BoolArray
-    left: FloatArray
-    base: tuple[Base, ...]
-    scale: int | None
-    snr: float
-    damping_time: float = 0.0
-
-    def rows_of(self, columns: FloatArray) -> FloatArray:
-        """Columns (n, k) at the rate of the recording -> (rows, k), filtered as the left side is."""
-        return self.spectral.filter(columns, self.band)
-
-    @property
-    def base_matrix(self) -> FloatArray:
-        """(rows, number of base columns)."""
-        return np.column_stack([base.column for base in self.base])
-
-
-@dataclass(frozen=True)
-class JointEquations:
-    """All balances that one joint's signals allow. `inertia`: the rotor inertia I0 that scales the motor balance."""
-
-    joint: str
-    states: DriveStates
-    derived: Derived
-    spectral: Spectral
-    channels: Mapping[str, Channel]
-    inertia: float
-    link_scale: float = 1.0
-    substituted: tuple[str, ...] = field(default=())
-
-    def with_scales(self, scales: Mapping[str, float]) -> JointEquations:
-        """The same equations with left sides divided by the estimated a and b, so that the next estimate is near 1."""
-        channels = {
-            name: replace(channel, left=channel.left / scales.get(name, 1.0)) for name, channel in self.channels.items()
-        }
-        return replace(
-            self,
-            channels=channels,
-            inertia=self.inertia / scales.get(MOTOR, 1.0),
-            link_scale=self.link_scale / scales.get(LINK, 1.0),
-        )
-
-
-@dataclass(frozen=True)
-class Known:
-    """What the model says of one joint before anything is fitted; prior standard deviations relative to the value."""
-
-    gear_ratio: float
-    rotor_inertia: float
-    rotor_inertia_prior: float = 0.1
-    link_inertia_prior: float = 0.1
-    command_delay: float = 0.0
-    damping_time: float = 0.0
 
 
 def build_equations(signals: JointSignals, known: Known, link: LinkFunction | None) -> JointEquations:
@@ -249,10 +169,10 @@ class _Builder:
     def _torsion_base(self, band: Band, damping: float) -> tuple[Base, ...]:
         """Torsion of spring and damper in parallel: tau_s / (k (1 + d s)), its change with d, zero, and nuisances."""
         sp, omega = self.spectral, 2j * np.pi * self.spectral.frequency
-        lag = 1.0 / (1.0 + omega * damping)
+        lag = np.asarray(1.0 / (1.0 + omega * damping), dtype=np.complex128)
         torque = sp.transform(self.states.gauge_torque)
         raw = sp.back(*torque, band, 0, lag)[:, 0]
-        slope = sp.back(*torque, band, 1, lag**2)[:, 0]
+        slope = sp.back(*torque, band, 1, np.asarray(lag * lag, dtype=np.complex128))[:, 0]
         return (
             Base("torsional_compliance", -raw),
             Base("torsional_damping", slope),
@@ -295,7 +215,7 @@ class _Builder:
         f = np.linspace(0.0, band.zero, 400)
         gain = band.gain(f) ** 2 - lower.gain(f) ** 2
         sigma = noise_density(position, self.signals.period)
-        power = 2.0 * self.signals.period * sigma**2 * np.trapezoid((2 * np.pi * f) ** 4 * gain, f)
+        power = float(2.0 * self.signals.period * sigma**2 * np.trapezoid((2 * np.pi * f) ** 4 * gain, f))
         total = float(np.mean((acceleration - slow)[valid] ** 2)) if valid.any() else 0.0
         return max(0.0, total / power - 1.0) if power > 0.0 else np.inf
 
@@ -303,6 +223,7 @@ class _Builder:
         """Power of the acceleration over the power that white position noise has in it."""
         sigma = noise_density(position, self.signals.period)
         f = np.linspace(0.0, band.zero, 400)
-        power = 2.0 * self.signals.period * sigma**2 * np.trapezoid((2 * np.pi * f) ** 4 * band.gain(f) ** 2, f)
+        weight = (2 * np.pi * f) ** 4 * band.gain(f) ** 2
+        power = float(2.0 * self.signals.period * sigma**2 * np.trapezoid(weight, f))
         total = float(np.mean(acceleration[valid] ** 2)) if valid.any() else 0.0
         return max(0.0, total / power - 1.0) if power > 0.0 else np.inf

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hd_control.analysis.bands import FloatArray
-from hd_control.analysis.dictionary import Dictionary, Group, IntArray
+from hd_control.analysis.dictionary import Dictionary
+from hd_control.analysis.groups import Group, IntArray
 from hd_control.analysis.scores import Scores
 from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, Context
 

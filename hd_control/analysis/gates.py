@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hd_control.analysis.equations import ACCELERATION_SNR, JointEquations
+from hd_control.analysis.channels import JointEquations
+from hd_control.analysis.equations import ACCELERATION_SNR
 from hd_control.analysis.joint_states import reversals
 from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION
 

@@ -11,8 +11,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from hd_control.analysis.bands import FloatArray
-from hd_control.analysis.dictionary import Candidate, Dictionary, Group
+from hd_control.analysis.dictionary import Dictionary
 from hd_control.analysis.fit import index_of
+from hd_control.analysis.groups import Candidate, Group
 from hd_control.analysis.scores import Scores
 from hd_control.drive.effect import Columns, Shape
 

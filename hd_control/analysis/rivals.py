@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hd_control.analysis.dictionary import Group
+from hd_control.analysis.groups import Group
 from hd_control.analysis.search import Search, Selection
 
 RESAMPLES = 200

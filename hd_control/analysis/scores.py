@@ -8,7 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from hd_control.analysis.bands import FloatArray
-from hd_control.analysis.dictionary import Blocks, Dictionary, Group, IntArray
+from hd_control.analysis.dictionary import Blocks, Dictionary
+from hd_control.analysis.groups import Group, IntArray
 
 
 class Scores:

@@ -1,0 +1,92 @@
+"""The balances of one joint as data: channels with their rows, free columns of every model, what is known before."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from hd_control.analysis.bands import Band, FloatArray, Spectral
+from hd_control.analysis.joint_states import BoolArray, Derived
+from hd_control.drive.effect import LINK, MOTOR, DriveStates
+
+LinkTerms = tuple[FloatArray, FloatArray, FloatArray | None, FloatArray | None]
+"""Nominal M q'' and bias (rows,), own-link and tool regressors (rows, 10) or None, at the rows of the link channel."""
+LinkFunction = Callable[[Band, Spectral], LinkTerms]
+
+
+@dataclass(frozen=True)
+class Base:
+    """A free column that every model has. `prior` is the standard deviation of its coefficient around zero."""
+
+    name: str
+    column: FloatArray
+    prior: float = np.inf
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One balance on its decimated rows: `left` (rows,) = base columns and effects; unit of the channel.
+
+    `damping_time` s: of the spring, around which the torsion is linear (transmission only).
+    `scale`: index of the base column whose coefficient (negated) is a or b; None where the torque stands on the left.
+    """
+
+    name: str
+    band: Band
+    spectral: Spectral
+    time: FloatArray
+    valid: BoolArray
+    left: FloatArray
+    base: tuple[Base, ...]
+    scale: int | None
+    snr: float
+    damping_time: float = 0.0
+
+    def rows_of(self, columns: FloatArray) -> FloatArray:
+        """Columns (n, k) at the rate of the recording -> (rows, k), filtered as the left side is."""
+        return self.spectral.filter(columns, self.band)
+
+    @property
+    def base_matrix(self) -> FloatArray:
+        """(rows, number of base columns)."""
+        return np.column_stack([base.column for base in self.base])
+
+
+@dataclass(frozen=True)
+class JointEquations:
+    """All balances that one joint's signals allow. `inertia`: the rotor inertia I0 that scales the motor balance."""
+
+    joint: str
+    states: DriveStates
+    derived: Derived
+    spectral: Spectral
+    channels: Mapping[str, Channel]
+    inertia: float
+    link_scale: float = 1.0
+    substituted: tuple[str, ...] = field(default=())
+
+    def with_scales(self, scales: Mapping[str, float]) -> JointEquations:
+        """The same equations with left sides divided by the estimated a and b, so that the next estimate is near 1."""
+        channels = {
+            name: replace(channel, left=channel.left / scales.get(name, 1.0)) for name, channel in self.channels.items()
+        }
+        return replace(
+            self,
+            channels=channels,
+            inertia=self.inertia / scales.get(MOTOR, 1.0),
+            link_scale=self.link_scale / scales.get(LINK, 1.0),
+        )
+
+
+@dataclass(frozen=True)
+class Known:
+    """What the model says of one joint before anything is fitted; prior standard deviations relative to the value."""
+
+    gear_ratio: float
+    rotor_inertia: float
+    rotor_inertia_prior: float = 0.1
+    link_inertia_prior: float = 0.1
+    command_delay: float = 0.0
+    damping_time: float = 0.0

@@ -1,0 +1,72 @@
+"""Groups: what is added or dropped as one, the columns of one effect with one shape or of one free curve."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hd_control.analysis.curves import Curve
+from hd_control.drive.effect import Columns, DriveStates, Effect, Shape
+
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Group:
+    """What is added or dropped as one. `index`: its coefficients in the dictionary."""
+
+    name: str
+    index: IntArray
+    channels: tuple[str, ...]
+    effect: type[Effect] | None = None
+    shape: Shape = field(default_factory=dict)
+    curve: Curve | None = None
+
+    @property
+    def is_curve(self) -> bool:
+        """True for a free curve."""
+        return self.curve is not None
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A group before it is in the dictionary: raw columns (n, k) by channel at the rate of the recording."""
+
+    name: str
+    columns: Columns
+    effect: type[Effect] | None = None
+    shape: Shape = field(default_factory=dict)
+    curve: Curve | None = None
+
+
+def library_candidates(
+    effects: Iterable[type[Effect]], states: DriveStates, channels: Sequence[str]
+) -> list[Candidate]:
+    """Every shape of every effect that acts on one of the channels and whose columns are finite on this recording."""
+    found = []
+    for effect in effects:
+        for shape in effect.shapes(states):
+            columns = {n: c for n, c in effect.columns(states, shape).items() if n in channels}
+            finite = all(np.isfinite(c).all() for c in columns.values())
+            if (
+                columns
+                and finite
+                and any(np.ptp(c, axis=0).max(initial=0.0) > 0.0 or c.any() for c in columns.values())
+            ):
+                found.append(Candidate(effect.name, columns, effect, shape))
+    return found
+
+
+def curve_candidates(found: Iterable[Curve]) -> list[Candidate]:
+    """Free curves as candidates."""
+    return [Candidate(curve.name, curve.columns, curve=curve) for curve in found]
+
+
+def group_of(candidate: Candidate, start: int) -> Group:
+    """The group of a candidate whose first coefficient is `start`."""
+    width = next(iter(candidate.columns.values())).shape[1]
+    index = np.arange(start, start + width)
+    return Group(candidate.name, index, tuple(candidate.columns), candidate.effect, candidate.shape, candidate.curve)
