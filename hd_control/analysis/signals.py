@@ -28,9 +28,10 @@ class JointSignals:
     `time` s from the start, `period` s; `valid` (n,) is False inside gaps. `motor_shaft_position` rad before the gear,
     `joint_position` rad, `gauge_torque` N m as the bridge indicates it, `motor_torque` N m times the gear ratio, held
     from its stamp to the next (its true value if the drive reports it, else the command), `temperature` deg C,
-    `reference_position` rad. `sources`: column -> the topic it came from. `period_command_delay`: samples between the
-    stamp of `motor_torque` and the moment it acts, as far as the recording tells. `notes`: what was repaired or looks
-    wrong, one sentence each.
+    `reference_position` rad.
+    `sources`: column -> the topic it came from. `period_command_delay`: samples between the stamp of `motor_torque` and
+    the moment it acts that the reader has not taken out, as far as the recording tells. `notes`: what was repaired or
+    looks wrong, one sentence each.
     """
 
     joint: str
@@ -57,8 +58,8 @@ class JointSignals:
 class Recording:
     """The joints of a bag, all on one time base.
 
-    `robot`: URDF text if the bag carries one. `sha256` of the bag's files. `problems`: what could not be read (then a
-    command ends with exit code 3). `notes`: what holds for all joints.
+    `start_ns`: stamp of the first tick. `robot`: URDF text if the bag carries one. `sha256` of the bag's files.
+    `problems`: what could not be read (then a command ends with exit code 3). `notes`: what holds for all joints.
     """
 
     path: str
@@ -67,3 +68,4 @@ class Recording:
     robot: str | None = None
     notes: tuple[str, ...] = ()
     problems: tuple[str, ...] = ()
+    start_ns: int = 0
