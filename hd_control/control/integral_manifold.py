@@ -144,9 +144,12 @@ def step(params: Block, state: Block, sample: Block, reference: Block, dt: float
     `reference` is a ManifoldReference, or the chain's TorqueReference, whose derivatives are then differences of the
     samples before. A joint whose inputs are not finite gets a torque that is not finite and keeps its state.
     """
-    joints = params.joints
-    output, new_state = layout("ManifoldOutput", joints).zeros(), Block(state.layout, np.empty(state.layout.size))
-    full = reference.layout.name == "ManifoldReference"
-    law = _joint_laws.manifold_step if full else _joint_laws.manifold_chain_step
-    law(params.array, state.array, sample.array, reference.array, output.array, new_state.array, joints, dt)
+    output, new_state = layout("ManifoldOutput", params.joints).zeros(), state.copy()
+    step_in_place(params, new_state, sample, reference, output, dt)
     return output, new_state
+
+
+def step_in_place(params: Block, state: Block, sample: Block, reference: Block, output: Block, dt: float) -> None:
+    """Like `step`, written into `state` and `output`: for simulations of many samples."""
+    law = _joint_laws.manifold_step if reference.layout.name == "ManifoldReference" else _joint_laws.manifold_chain_step
+    law(params.array, state.array, sample.array, reference.array, output.array, state.array, params.joints, dt)

@@ -13,8 +13,6 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
-
 from hd_control import _joint_laws, _torque
 from hd_control.control import torque_adaptive
 from hd_control.control.integral_manifold import LINK_INERTIA
@@ -125,12 +123,15 @@ def step(params: Block, state: Block, sample: Block, reference: Block, dt: float
     `reference` is a FeedbackReference, or the chain's TorqueReference, of which the required torque is used. A joint
     whose inputs are not finite gets a torque that is not finite and keeps its state.
     """
-    joints = params.joints
-    output, new_state = layout("FeedbackOutput", joints).zeros(), Block(state.layout, np.empty(state.layout.size))
-    full = reference.layout.name == "FeedbackReference"
-    law = _joint_laws.feedback_step if full else _joint_laws.feedback_chain_step
-    law(params.array, state.array, sample.array, reference.array, output.array, new_state.array, joints, dt)
+    output, new_state = layout("FeedbackOutput", params.joints).zeros(), state.copy()
+    step_in_place(params, new_state, sample, reference, output, dt)
     return output, new_state
+
+
+def step_in_place(params: Block, state: Block, sample: Block, reference: Block, output: Block, dt: float) -> None:
+    """Like `step`, written into `state` and `output`: for simulations of many samples."""
+    law = _joint_laws.feedback_step if reference.layout.name == "FeedbackReference" else _joint_laws.feedback_chain_step
+    law(params.array, state.array, sample.array, reference.array, output.array, state.array, params.joints, dt)
 
 
 def static_error(

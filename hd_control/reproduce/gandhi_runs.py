@@ -1,0 +1,136 @@
+"""One run of Gandhi and Ghorbel's experiment: the joint (8)-(10) under the composite law (26) or the plain one (31)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hd_control.control import integral_manifold as law
+from hd_control.core.blocks import Block, FloatArray
+from hd_control.reproduce.constants import Constants, load_constants
+from hd_sim.gear_joint import GearJoint
+
+PLANT = (
+    *("rotor_inertia", "rotor_damping", "link_inertia", "link_damping", "gear_ratio", "stiffness_linear"),
+    *("hysteresis_stiffness", "hysteresis_rate", "load_amplitude", "load_frequency"),
+)
+JOINT = "joint"
+UNLIMITED = 1e9  # N m: the paper's motor has no limit
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What a run is made of. `law` and `plant` change single values, `period` is the law's in s (0: the plant's step).
+
+    `nonlinear` adds cubic and quintic stiffness to the plant (C-2). `phase` rad turns the wave generator on its shaft;
+    the law knows it.
+    """
+
+    composition: str = "all"
+    prediction: float = 0.5
+    period: float = 0.0
+    nonlinear: bool = False
+    phase: float = 0.0
+    law: Mapping[str, float] = field(default_factory=dict)
+    plant: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class GearRun:
+    """Series of one run, one row per control sample; angles of the motor at the output side, rad, N m."""
+
+    time: FloatArray
+    reference: FloatArray  # (k, 8), the fields of ManifoldReference
+    measured: FloatArray  # (k, 6), the fields of the torque law's sample, true values
+    torque: FloatArray
+    hysteresis: FloatArray
+    steady_from: float
+
+    @cached_property
+    def error_deg(self) -> FloatArray:
+        """Joint position minus reference, degrees."""
+        return np.rad2deg(self.measured[:, 0] - self.reference[:, 0])
+
+    @cached_property
+    def motor_error_deg(self) -> FloatArray:
+        """Motor position / N minus reference, degrees: what the law makes the motor absorb."""
+        return np.rad2deg(self.measured[:, 3] - self.reference[:, 0])
+
+    @property
+    def steady(self) -> NDArray[np.bool_]:
+        """Samples of the steady state."""
+        return self.time >= self.steady_from
+
+    @property
+    def largest(self) -> float:
+        """Largest absolute joint error in the steady state, degrees; not a number if the run diverged."""
+        value = float(np.abs(self.error_deg[self.steady]).max())
+        return value if math.isfinite(value) else math.nan
+
+
+def reference(c: Constants, time: FloatArray) -> FloatArray:
+    """The trajectory and load of section V with their derivatives, (k, 8), in the fields of ManifoldReference."""
+    size, w = math.radians(c["reference_amplitude_deg"]), c["reference_frequency"]
+    speed, load, v = math.radians(c["reference_speed_deg"]), c["load_amplitude"], c["load_frequency"]
+    sine, cosine = size * np.sin(w * time), size * np.cos(w * time)
+    push, pull = load * np.sin(v * time), load * np.cos(v * time)
+    motion = (sine + speed * time, w * cosine + speed, -(w**2) * sine, -(w**3) * cosine, w**4 * sine)
+    return np.stack((*motion, push, v * pull, -(v**2) * push), axis=1)
+
+
+def turned(cosine: FloatArray, sine: FloatArray, phase: float) -> tuple[FloatArray, FloatArray]:
+    """Fourier coefficients of the same series with `phase` rad added to its angle."""
+    turn = np.arange(1, len(cosine) + 1) * phase
+    return cosine * np.cos(turn) + sine * np.sin(turn), sine * np.cos(turn) - cosine * np.sin(turn)
+
+
+def plant_values(c: Constants, experiment: Experiment) -> dict[str, Any]:
+    """Constants of the plant (8)-(10)."""
+    values = c.values(*PLANT, "kinematic_cosine", "kinematic_sine") | {"kinematic_phase": experiment.phase}
+    for name in ("stiffness_cubic", "stiffness_quintic"):
+        values[name] = c[name] if experiment.nonlinear else 0.0
+    return values | dict(experiment.plant)
+
+
+def law_values(c: Constants, experiment: Experiment) -> dict[str, Any]:
+    """Parameters of the law: it knows the linear plant. The paper's kinematic error has the opposite sign of ours."""
+    square = c["gear_ratio"] ** 2
+    numbers = c.values("gear_ratio", "link_inertia", "link_damping", "hysteresis_stiffness", "hysteresis_rate")
+    numbers |= c.values("perturbation_stiffness", "tracking_gain", "tracking_damping", "fast_damping_ratio")
+    numbers |= {"rotor_inertia": square * c["rotor_inertia"], "rotor_damping": square * c["rotor_damping"]}
+    numbers |= {"torsional_stiffness": c["stiffness_linear"], "motor_torque_limit": UNLIMITED}
+    numbers |= {"load_constant": 0.0, "load_cosine": 0.0, "load_sine": 0.0}
+    series = turned(np.array(c["kinematic_cosine"]), np.array(c["kinematic_sine"]), experiment.phase)
+    for kind, column in zip(("cosine", "sine"), series, strict=True):
+        numbers |= {f"kinematic_{kind}_{n}": -float(value) for n, value in enumerate(column, 1)}
+    numbers |= experiment.law
+    values: dict[str, Any] = {name: [float(number)] for name, number in numbers.items()}
+    values |= {"joint_names": [JOINT], "composition": experiment.composition, "load_source": "position"}
+    return values | {"prediction_samples": experiment.prediction}
+
+
+def run(experiment: Experiment) -> GearRun:
+    """Simulates the experiment. The load is known to the law, as in the paper."""
+    c = load_constants("gandhi")
+    step, period = c["plant_step"], experiment.period or c["plant_step"]
+    substeps, samples = round(period / step), round(c["duration"] / period)
+    params = law.configure(law_values(c, experiment), None, period)
+    joint, state = GearJoint(plant_values(c, experiment)), law.initial_state(params)
+    wanted, output = law.new_reference(1), law.layout("ManifoldOutput", 1).zeros()
+    time = np.arange(samples) * period
+    rows, measured = reference(c, time), np.empty((samples, 6))
+    torque, hysteresis = np.empty(samples), np.empty(samples)
+    sample = Block(law.new_sample(1).layout, joint.measured)
+    for k in range(samples):
+        measured[k], hysteresis[k] = joint.measured, joint.hysteresis_torque
+        wanted.array[:] = rows[k]
+        law.step_in_place(params, state, sample, wanted, output, period)
+        torque[k] = output.array[0]
+        joint.advance(torque[k], step, substeps)
+    return GearRun(time, rows, measured, torque, hysteresis, c["steady_from"])
