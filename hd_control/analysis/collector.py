@@ -9,7 +9,7 @@ import numpy as np
 
 from hd_control.analysis.decimate import LONGEST_ROWS, decimate, factor_of
 from hd_control.analysis.signals import SIGNALS, BoolArray, FloatArray, JointSignals
-from hd_control.analysis.sources import SignalSource, SourceMap
+from hd_control.analysis.sources import SignalSource, SourceMap, held_from_measured
 from hd_control.analysis.time_base import NS, SLOWEST, Alignment, IntArray, TimeBase, longest_stretch, rising, time_base
 from hd_control.record.columns import Columns, has_fixed_layout
 from hd_control.record.reader import BagReader
@@ -48,7 +48,8 @@ class Collector:
 
     def collect(self) -> None:
         """Reads the best source of every signal, then the next best for joints that still lack it."""
-        ranked = {name: [s for s in sources if self._usable(s)] for name, sources in self.source_map.signals.items()}
+        listed = {name: self.source_map.signals[name] for name in SIGNALS if name in self.source_map.signals}
+        ranked = {name: [s for s in sources if self._usable(s)] for name, sources in listed.items()}
         for rank in range(max((len(sources) for sources in ranked.values()), default=0)):
             by_topic: dict[str, list[SignalSource]] = {}
             for name, sources in ranked.items():
@@ -192,7 +193,7 @@ class Collector:
         if source.acts_later:
             joint.notes.append(f"{signal}: from {topic}, moved {source.acts_later} sample later, when it acts")
         if not source.held and signal == "motor_torque":
-            column = _held_from_measured(column)
+            column = held_from_measured(column)
         joint.columns[signal] = column if self.factor == 1 else decimate(column, self.factor, signal == "motor_torque")
         joint.sources[signal] = topic
 
@@ -213,13 +214,6 @@ def _streams(
     if float(alone.mean()) < 0.9:
         return [(everything, names)]
     return [(np.flatnonzero(present[:, k]), [name]) for k, name in enumerate(names)]
-
-
-def _held_from_measured(column: FloatArray) -> FloatArray:
-    """What, held from tick to tick, stands for a torque that was measured at the ticks: the mean over each tick."""
-    mean: FloatArray = column.copy()
-    mean[:-1] = 0.5 * (column[:-1] + column[1:])
-    return mean
 
 
 def _remarks(joint: FoundJoint, valid: BoolArray, period: float) -> list[str]:

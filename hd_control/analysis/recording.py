@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hd_control.analysis.collector import Collector
+from hd_control.analysis.mapping import load_mapping
 from hd_control.analysis.signals import JointSignals, Recording
 from hd_control.analysis.sources import STANDARD, SignalSource, SourceMap
 from hd_control.core.errors import BagError
@@ -24,17 +25,17 @@ DESCRIPTION, ATTACHED_DESCRIPTION = "robot_description", "robot.urdf"
 
 def read_recording(
     path: str | Path,
-    mapping: SourceMap | None = None,
+    mapping: SourceMap | str | Path | None = None,
     joints: Sequence[str] | None = None,
     start_s: float = 0.0,
     seconds: float | None = None,
 ) -> Recording:
-    """The joints of a bag (all, or those named) within [start_s, start_s + seconds).
+    """The joints of a bag (all, or those named) within [start_s, start_s + seconds). `mapping`: file or shipped name.
 
     A recording of more than 20 min at 1 kHz is decimated, with a note. Raises BagError if the bag cannot be read, has
     no position together with a torque, or lacks a joint that was asked for.
     """
-    source_map = STANDARD if mapping is None else mapping
+    source_map = STANDARD if mapping is None else mapping if isinstance(mapping, SourceMap) else load_mapping(mapping)
     with BagReader(path) as bag:
         collector = Collector(bag, source_map, joints, start_s, seconds)
         collector.collect()

@@ -106,6 +106,13 @@ class SourceMap:
         return next((ours for ours, theirs in self.joints.items() if theirs == source_joint), None)
 
 
+def held_from_measured(column: FloatArray) -> FloatArray:
+    """What, held from tick to tick, stands for a torque that was measured at the ticks: the mean over each tick."""
+    mean: FloatArray = column.copy()
+    mean[:-1] = 0.5 * (column[:-1] + column[1:])
+    return mean
+
+
 def _of(number: float | Mapping[str, float], joint: str, default: float) -> float:
     return float(number.get(joint, default) if isinstance(number, Mapping) else number)
 

@@ -91,7 +91,7 @@ def _topic(bag: BagReader, name: str, kept: dict[str, Columns]) -> dict[str, Any
     steps = np.diff(columns.stamps_ns)
     moving = steps[steps > 0]
     row["rate"] = 1e9 / float(np.median(moving)) if len(moving) else None
-    period = known.period_ns if known and known.period_ns else int(np.median(moving)) if len(moving) else 0
+    period = _period_ns(known.period_ns if known else 0, int(np.median(moving)) if len(moving) else 0)
     if period and bag.topics[name] == JOINT_STATE:
         gaps = bag.gaps(name, period)
         row["gaps"], row["missing"] = len(gaps), sum(gap.missing for gap in gaps)
@@ -100,6 +100,11 @@ def _topic(bag: BagReader, name: str, kept: dict[str, Columns]) -> dict[str, Any
     if known is not None and known.name == "motor_temperature":
         row["duplicates"] = 0  # joints share the stamp
     return row
+
+
+def _period_ns(nominal: int, median: int) -> int:
+    """The nominal period unless the topic is a slower robot's; 0 if neither is known."""
+    return median if median > 1.5 * nominal else nominal
 
 
 def _series(columns: dict[str, Columns], joint: str, signal: str) -> tuple[str, Columns, FloatArray] | None:
