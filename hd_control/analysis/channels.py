@@ -18,11 +18,13 @@ LinkFunction = Callable[[Band, Spectral], LinkTerms]
 
 @dataclass(frozen=True)
 class Base:
-    """A free column that every model has. `prior` is the standard deviation of its coefficient around zero."""
+    """A free column that every model has. `prior` is the standard deviation of its coefficient around zero; columns of
+    several channels that are `shared` under one name have one coefficient."""
 
     name: str
     column: FloatArray
     prior: float = np.inf
+    shared: bool = False
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,7 @@ class Channel:
     """One balance on its decimated rows: `left` (rows,) = base columns and effects; unit of the channel.
 
     `damping_time` s: of the spring, around which the torsion is linear (transmission only).
+    `noisy` (rows,): rows that are not fitted, for a tone of the encoder's counts falls into the band there.
     `scale`: index of the base column whose coefficient (negated) is a or b; None where the torque stands on the left.
     """
 
@@ -43,6 +46,12 @@ class Channel:
     scale: int | None
     snr: float
     damping_time: float = 0.0
+    noisy: BoolArray | None = None
+
+    @property
+    def fitted(self) -> BoolArray:
+        """Rows (rows,) that are valid and not noisy."""
+        return self.valid if self.noisy is None else np.asarray(self.valid & ~self.noisy)
 
     def rows_of(self, columns: FloatArray) -> FloatArray:
         """Columns (n, k) at the rate of the recording -> (rows, k), filtered as the left side is."""

@@ -36,7 +36,10 @@ from hd_control.analysis.verdict import (
 from hd_control.drive.effect import UNITS, Context, Effect, Shape
 
 ROUNDS = 2
+SECOND_STAGE = ("presliding",)
+"""Effects that live in the rows that the first search leaves out."""
 SCALE_TOLERANCE = 2e-3
+LOUDER = 1.05
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,7 @@ def prepare(task: Task) -> Dictionary:
     equations = task.equations
     channels = list(equations.channels)
     names = {effect.name for effect, _ in task.known}
-    effects = [effect for name, effect in task.library.items() if not effect.in_every_model and name not in names]
+    effects = [e for n, e in task.library.items() if not e.in_every_model and n not in names and n not in SECOND_STAGE]
     candidates = library_candidates(effects, equations.states, channels)
     candidates += curve_candidates(curves(equations.states, set(channels)))
     fixed = [
@@ -85,6 +88,12 @@ def _search(task: Task, dictionary: Dictionary) -> tuple[Search, Selection]:
     dictionary, scores = _rescaled(dictionary, scores, ())
     search = Search(dictionary, scores, task.thresholds)
     selection = search.run()
+    factors = _too_quiet(Fit.of(dictionary, scores, selection))
+    if selection and factors:
+        dictionary = dictionary.louder(factors)
+        dictionary, scores = _rescaled(dictionary, Scores(dictionary), ())
+        search = Search(dictionary, scores, task.thresholds)
+        selection = search.run()
     for _ in range(ROUNDS):
         if not selection:
             break
@@ -100,6 +109,12 @@ def _search(task: Task, dictionary: Dictionary) -> tuple[Search, Selection]:
             break
         selection = again
     return search, selection
+
+
+def _too_quiet(fit: Fit) -> dict[str, float]:
+    """Channels whose noise was taken too small, with the factor: a fit with very many columns leaves too little."""
+    found = {name: 1.4826 * float(np.median(np.abs(r))) for name, r in fit.residuals().items() if r.size}
+    return {name: factor for name, factor in found.items() if factor > LOUDER}
 
 
 def _rescaled(dictionary: Dictionary, scores: Scores, selection: Selection) -> tuple[Dictionary, Scores]:

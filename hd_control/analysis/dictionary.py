@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hd_control.analysis.bands import FloatArray
-from hd_control.analysis.channels import Channel, JointEquations
+from hd_control.analysis.channels import Base, Channel, JointEquations
 from hd_control.analysis.groups import Candidate, Group, IntArray, group_of
 from hd_control.analysis.joint_states import BoolArray
 from hd_control.analysis.noise import Noise, fit_noise
@@ -22,6 +22,8 @@ RIDGE_CURVE = 3e-3
 """On columns of unit norm. Knots that a training fold never visits otherwise ruin the held-out score."""
 RIDGE_NOISE = 1e-7
 LARGEST_NOISE_RATIO = 2.0
+SHARED = ""
+"""In place of the channel in the name of a base coefficient that several channels share."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,7 @@ class Rows:
 class Dictionary:
     """Base, known and free groups of one joint on whitened rows. Physical coefficient = scaled / `norm` (p,).
 
+    `precision` (p,): 1 / variance of a coefficient around zero, physical units, of base columns with a prior.
     `base`: coefficients that every selection holds, of the base columns (`base_names`: channel, name) and of `known`.
     """
 
@@ -57,6 +60,7 @@ class Dictionary:
     groups: tuple[Group, ...]
     norm: FloatArray
     ridge: FloatArray
+    precision: FloatArray
 
     @property
     def size(self) -> int:
@@ -65,7 +69,10 @@ class Dictionary:
 
     def base_index(self, channel: str, name: str) -> int | None:
         """The coefficient of a base column, None if the channel has none of that name."""
-        return self.base_names.index((channel, name)) if (channel, name) in self.base_names else None
+        for key in ((channel, name), (SHARED, name)):
+            if key in self.base_names:
+                return self.base_names.index(key)
+        return None
 
     def rescaled(self, scales: Mapping[str, float]) -> Dictionary:
         """The same rows in units in which the scale coefficients a, b of the channels are 1 (see `equations`)."""
@@ -100,7 +107,21 @@ class Dictionary:
         for part in rows.values():
             part.columns[:, part.index >= self.size] /= norm[part.index[part.index >= self.size]]
         ridge = np.concatenate([self.ridge, np.full(fresh.size, RIDGE_LIBRARY)])
-        return replace(self, rows=rows, groups=(*self.groups, *groups), norm=norm, ridge=ridge)
+        precision = np.concatenate([self.precision, np.zeros(fresh.size)])
+        return replace(self, rows=rows, groups=(*self.groups, *groups), norm=norm, ridge=ridge, precision=precision)
+
+    def louder(self, factors: Mapping[str, float]) -> Dictionary:
+        """The same rows with the noise of each channel taken `factors` times larger."""
+        rows = {
+            name: replace(
+                part,
+                left=part.left / factors.get(name, 1.0),
+                columns=part.columns * self.norm[part.index] / factors.get(name, 1.0),
+                noise=part.noise.divided(1.0 / factors.get(name, 1.0)),
+            )
+            for name, part in self.rows.items()
+        }
+        return _normed(replace(self, rows=rows))
 
     def whitened(self, channel: str, columns: FloatArray) -> FloatArray:
         """Raw columns (n, k) at the rate of the recording as whitened rows of a channel, physical units, (rows, k)."""
@@ -148,10 +169,19 @@ def build(
     norm = _norm(rows, layout.size)
     for part in rows.values():
         np.divide(part.columns, norm[part.index], out=part.columns)
-    ridge = layout.ridge(norm)
+    ridge, precision = layout.ridge(), layout.precision()
     groups = layout.groups
     known, free = tuple(groups[: len(fixed)]), tuple(groups[len(fixed) :])
-    return Dictionary(equations, rows, layout.base, tuple(layout.base_names), known, free, norm, ridge)
+    return Dictionary(equations, rows, layout.base, tuple(layout.base_names), known, free, norm, ridge, precision)
+
+
+def _key(channel: str, base: Base) -> tuple[str, str]:
+    return (SHARED if base.shared else channel), base.name
+
+
+def base_of(channel: Channel, names: Sequence[tuple[str, str]]) -> IntArray:
+    """Coefficients of a channel's base columns, in their order."""
+    return np.array([names.index(_key(channel.name, base)) for base in channel.base], dtype=np.int64)
 
 
 class _Layout:
@@ -159,7 +189,7 @@ class _Layout:
 
     def __init__(self, equations: JointEquations, candidates: Sequence[Candidate], fixed: Sequence[Candidate]) -> None:
         self.equations, self.candidates = equations, [*fixed, *candidates]
-        self.base_names = [(name, base.name) for name, c in equations.channels.items() for base in c.base]
+        self.base_names = list(dict.fromkeys(_key(n, base) for n, c in equations.channels.items() for base in c.base))
         self.groups: list[Group] = []
         size = len(self.base_names)
         for candidate in self.candidates:
@@ -171,20 +201,23 @@ class _Layout:
 
     def raw(self, channel: Channel) -> tuple[FloatArray, IntArray]:
         """Filtered columns (rows, p) of a channel and their coefficients."""
-        base = [i for i, (name, _) in enumerate(self.base_names) if name == channel.name]
-        parts, index = [channel.base_matrix], [np.array(base, dtype=np.int64)]
+        parts, index = [channel.base_matrix], [base_of(channel, self.base_names)]
         for candidate, group in zip(self.candidates, self.groups, strict=True):
             if channel.name in candidate.columns:
                 parts.append(channel.rows_of(candidate.columns[channel.name]))
                 index.append(group.index)
         return np.concatenate(parts, axis=1), np.concatenate(index)
 
-    def ridge(self, norm: FloatArray) -> FloatArray:
-        """Ridge of each coefficient; priors of the base become ridges in units of the noise."""
+    def precision(self) -> FloatArray:
+        """1 / variance of each coefficient by the priors of the base."""
+        priors = {_key(n, base): base.prior for n, channel in self.equations.channels.items() for base in channel.base}
+        found = np.zeros(self.size)
+        found[: len(self.base_names)] = [1.0 / priors[key] ** 2 for key in self.base_names]
+        return found
+
+    def ridge(self) -> FloatArray:
+        """Ridge of each coefficient, for columns of unit norm."""
         ridge = np.full(self.size, RIDGE_LIBRARY)
-        priors = [base.prior for channel in self.equations.channels.values() for base in channel.base]
-        for i, prior in enumerate(priors):
-            ridge[i] += 1.0 / (prior * norm[i]) ** 2
         for group in self.groups:
             if group.is_curve:
                 ridge[group.index] = RIDGE_CURVE
@@ -198,14 +231,11 @@ def _norm(rows: Mapping[str, Rows], size: int) -> FloatArray:
 
 
 def _normed(raw: Dictionary) -> Dictionary:
-    """A dictionary whose columns are in physical units, normed; priors follow."""
+    """A dictionary whose columns are in physical units, normed."""
     norm = _norm(raw.rows, raw.size)
     for part in raw.rows.values():
         np.divide(part.columns, norm[part.index], out=part.columns)
-    ridge = raw.ridge.copy()
-    for i in range(len(raw.base_names)):
-        ridge[i] = RIDGE_LIBRARY + (raw.ridge[i] - RIDGE_LIBRARY) * (raw.norm[i] / norm[i]) ** 2
-    return replace(raw, norm=norm, ridge=ridge)
+    return replace(raw, norm=norm)
 
 
 def _noise(channel: Channel, raw: FloatArray) -> Noise:
@@ -214,11 +244,11 @@ def _noise(channel: Channel, raw: FloatArray) -> Noise:
     A rich fit leaves too little in its own rows and too much in rows that it has not seen, by the same factor to first
     order; the noise is taken between the two.
     """
-    x, y = raw[channel.valid], channel.left[channel.valid]
+    x, y = raw[channel.fitted], channel.left[channel.fitted]
     scale = np.sqrt((x**2).sum(axis=0))
     scale[scale == 0.0] = 1.0
     x = x / scale
-    _, fold = Blocks().of(channel.time[channel.valid])
+    _, fold = Blocks().of(channel.time[channel.fitted])
     grams = [x[fold == f].T @ x[fold == f] for f in range(-1, Blocks().folds)]
     rights = [x[fold == f].T @ y[fold == f] for f in range(-1, Blocks().folds)]
     ridge = RIDGE_NOISE * np.eye(scale.size)
@@ -234,7 +264,7 @@ def _noise(channel: Channel, raw: FloatArray) -> Noise:
 
 
 def _rows(channel: Channel, noise: Noise, raw: FloatArray, index: IntArray) -> Rows:
-    usable = noise.usable(channel.valid)
+    usable = noise.usable(channel.valid) & channel.fitted
     time = channel.time[usable]
     block, fold = Blocks().of(time)
     left, columns = noise.whiten(channel.left)[usable], noise.whiten(raw)[usable]

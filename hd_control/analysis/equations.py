@@ -18,7 +18,15 @@ import numpy as np
 
 from hd_control.analysis.bands import Band, FloatArray, Spectral, band_for
 from hd_control.analysis.channels import Base, Channel, JointEquations, Known, LinkFunction, LinkTerms
-from hd_control.analysis.joint_states import BoolArray, Derived, derive, drive_states, noise_density
+from hd_control.analysis.joint_states import (
+    BoolArray,
+    Derived,
+    count_tone,
+    derive,
+    drive_states,
+    noise_density,
+    quantum,
+)
 from hd_control.analysis.signals import JointSignals
 from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, DriveStates
 
@@ -34,9 +42,13 @@ MASK_MARGIN_S = 0.02
 ACCELERATION_SNR = 10.0
 """Power ratio of acceleration to its noise from which on the acceleration may stand alone on the left."""
 
-COMMAND_DELAY_PRIOR = 1e-4
+COMMAND_DELAY_PRIOR = 3e-5
 SIGNAL_DELAY_PRIOR = 5e-4
-"""s, standard deviation of delays between recorded signals that nobody declared; carried along, never a claim."""
+"""s, standard deviation of delays between recorded signals that nobody declared; carried along, never a claim. The
+delay of the gauge is one number in the rotor and the link balance."""
+TONE_ORDERS = (1, 2)
+MOST_NOISY = 0.6
+"""Share of the rows of the rotor balance that may be left out because of the encoder's counts."""
 
 DAMPING_ROUNDS = 3
 LONGEST_DAMPING = 0.02
@@ -123,9 +135,17 @@ class _Builder:
             Base("command_delay", sp.filter(filled["motor_torque"], band, 1, sp.hold()), COMMAND_DELAY_PRIOR),
         ]
         if "gauge_torque" in filled:
-            friction.append(Base("torque_delay", -sp.filter(filled["gauge_torque"], band, 1), SIGNAL_DELAY_PRIOR))
+            friction.append(Base("torque_delay", -sp.filter(filled["gauge_torque"], band, 1), SIGNAL_DELAY_PRIOR, True))
         prior = self.known.rotor_inertia_prior
-        return self._channel(MOTOR, band, valid, left, drive, friction, prior, snr)
+        channel = self._channel(MOTOR, band, valid, left, drive, friction, prior, snr)
+        return replace(channel, noisy=self._noisy(band, valid))
+
+    def _noisy(self, band: Band, valid: BoolArray) -> BoolArray:
+        """Rows at which the encoder's counts are a tone in the band: it comes back through the controller."""
+        velocity = self.derived.motor_velocity[:: band.step]
+        count = quantum(self.derived.filled["motor_position"])
+        noisy = count_tone(velocity, count, self.signals.period, band.zero, TONE_ORDERS)
+        return noisy if noisy[valid].mean() <= MOST_NOISY else np.zeros_like(noisy)
 
     def link(self) -> Channel | None:
         """Balance of the link side against the gauge."""
@@ -137,7 +157,7 @@ class _Builder:
         valid = self._valid(band, self.derived.usable)
         position = self.derived.filled["joint_position"]
         snr = self._snr(position, band, sp.filter(position, band, 2), valid)
-        delay = [Base("torque_delay", sp.filter(self.states.gauge_torque, band, 1), SIGNAL_DELAY_PRIOR)]
+        delay = [Base("torque_delay", sp.filter(self.states.gauge_torque, band, 1), SIGNAL_DELAY_PRIOR, True)]
         return self._channel(LINK, band, valid, left, drive, delay, self.known.link_inertia_prior, snr)
 
     def transmission(self) -> Channel | None:

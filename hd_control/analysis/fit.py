@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hd_control.analysis.bands import FloatArray
-from hd_control.analysis.dictionary import Dictionary
+from hd_control.analysis.dictionary import Dictionary, base_of
 from hd_control.analysis.groups import Group, IntArray
 from hd_control.analysis.scores import Scores
 from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, Context
@@ -126,8 +126,7 @@ class RawRows:
         self._parts: dict[str, tuple[FloatArray, IntArray]] = {}
         raw = {id(g): _columns(g, states) for g in (*dictionary.known, *groups)}
         for name, channel in dictionary.equations.channels.items():
-            base = [i for i, (owner, _) in enumerate(dictionary.base_names) if owner == name]
-            columns, index = [channel.base_matrix], [np.array(base, dtype=np.int64)]
+            columns, index = [channel.base_matrix], [base_of(channel, dictionary.base_names)]
             for group in (*dictionary.known, *groups):
                 if name in group.channels:
                     columns.append(channel.rows_of(raw[id(group)][name]))

@@ -47,7 +47,8 @@ class Bootstrap:
         index = fit.index
         size = index.size + len(slopes)
         grams, rights = _blocks(fit, extra, size)
-        ridge = np.concatenate([fit.dictionary.ridge[index], np.full(len(slopes), 1e-6)])
+        prior = fit.dictionary.precision[index] / fit.dictionary.norm[index] ** 2
+        ridge = np.concatenate([fit.dictionary.ridge[index] + prior, np.full(len(slopes), 1e-6)])
         random = np.random.default_rng(seed)
         count = grams.shape[0]
         weights = random.multinomial(count, np.full(count, 1.0 / count), size=draws).astype(float)

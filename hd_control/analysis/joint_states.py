@@ -85,6 +85,30 @@ def since_reversal(
     return np.abs(position - position[last]), (np.arange(position.size) - last) * period
 
 
+def quantum(signal: FloatArray) -> float:
+    """The count of a quantised signal; 0 if its smallest steps are no counts."""
+    steps = np.abs(np.diff(signal))
+    steps = steps[steps > 0.0]
+    if steps.size == 0:
+        return 0.0
+    small = float(np.quantile(steps, 0.01))
+    whole = steps[:2000] / small
+    return small if float(np.mean(np.abs(whole - np.round(whole)) < 0.05)) > 0.9 else 0.0
+
+
+def count_tone(
+    velocity: FloatArray, count: float, period: float, zero: float, orders: tuple[int, ...] = (1,)
+) -> BoolArray:
+    """Where the counts of an angle, or their beat with the sampling, fall below `zero` Hz, (n,): there the quantisation
+    is a tone and no white noise. `orders`: harmonics of the count frequency that matter."""
+    tone = np.zeros(velocity.size, dtype=bool)
+    if count > 0.0:
+        for order in orders:
+            counts = order * velocity * (period / count)
+            tone |= np.abs(counts - np.round(counts)) < zero * period
+    return tone
+
+
 def derive(signals: JointSignals, gear_ratio: float, spectral: Spectral) -> Derived:
     """The derived motion of one joint. A motor or joint angle that is not recorded is replaced by the other."""
     period = signals.period

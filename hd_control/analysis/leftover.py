@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.fit import Fit
+from hd_control.analysis.joint_states import BoolArray, count_tone, quantum
 from hd_control.drive.effect import MOTOR
 
 BURST_BLOCK_S = 0.33
@@ -54,32 +54,16 @@ def bursts(fit: Fit) -> list[Bursts]:
     return found
 
 
-def _staircase(fit: Fit, name: str) -> NDArray[np.bool_]:
-    """Rows (rows,) at which the counts of an angle, or their beat with the sampling, fall inside the channel's band:
-    there the quantisation is a tone and no white noise."""
+def _staircase(fit: Fit, name: str) -> BoolArray:
+    """Rows (rows,) at which the counts of an angle are a tone in the channel's band."""
     equations, part = fit.dictionary.equations, fit.dictionary.rows[name]
-    states = equations.states
+    states, zero = equations.states, part.channel.band.zero
     index = np.flatnonzero(part.usable) * part.channel.band.step
-    sources = [(states.motor_velocity, quantum(states.motor_position))]
+    slow = count_tone(states.motor_velocity[index], quantum(states.motor_position), states.period, zero)
     if name != MOTOR:
-        sources.append((states.joint_velocity, quantum(equations.derived.filled["joint_position"])))
-    slow = np.zeros(index.size, dtype=bool)
-    for velocity, step in sources:
-        if step > 0.0:
-            counts = velocity[index] * (states.period / step)
-            slow |= np.abs(counts - np.round(counts)) < part.channel.band.zero * states.period
+        joint = equations.derived.filled["joint_position"]
+        slow |= count_tone(states.joint_velocity[index], quantum(joint), states.period, zero)
     return slow
-
-
-def quantum(signal: FloatArray) -> float:
-    """The count of a quantised signal; 0 if its smallest steps are no counts."""
-    steps = np.abs(np.diff(signal))
-    steps = steps[steps > 0.0]
-    if steps.size == 0:
-        return 0.0
-    small = float(np.quantile(steps, 0.01))
-    whole = steps[:2000] / small
-    return small if float(np.mean(np.abs(whole - np.round(whole)) < 0.05)) > 0.9 else 0.0
 
 
 @dataclass(frozen=True)

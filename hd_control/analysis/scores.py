@@ -1,6 +1,7 @@
 """Held-out scores of any selection of groups, from the Gram matrices of the folds.
 
 Loss of a selection: half the whitened squared error on rows that were not used for its fit, in nats, summed over folds.
+A prior of a base coefficient counts as one more measurement, spread over the folds: what it absorbs is paid for.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ class Scores:
                 self.right[fold][part.index] += x.T @ y
                 self.squares[fold] += y @ y
         self.ridge = dictionary.ridge
+        self._prior = dictionary.precision / dictionary.norm**2
+        self.gram[:, np.arange(size), np.arange(size)] += self._prior / folds
         self.gram_all = self.gram.sum(axis=0)
         self.right_all = self.right.sum(axis=0)
 
@@ -37,6 +40,7 @@ class Scores:
         """The scores of the same dictionary with more groups behind: only the new columns are multiplied."""
         found = object.__new__(Scores)
         found.dictionary, found.squares, found.ridge = dictionary, self.squares, dictionary.ridge
+        found._prior = dictionary.precision / dictionary.norm**2
         old, size = self.dictionary.size, dictionary.size
         folds = self.squares.size
         found.gram, found.right = np.zeros((folds, size, size)), np.zeros((folds, size))
@@ -115,4 +119,5 @@ class Scores:
                 rows = part.fold == fold
                 error = part.left[rows] - x[rows] @ scaled[fold, part.index[mine]]
                 np.add.at(losses, part.block[rows], 0.5 * error**2)
+        losses[losses > 0.0] += 0.5 * float(np.mean(c**2 @ self._prior[index])) / max(1, np.count_nonzero(losses))
         return losses
