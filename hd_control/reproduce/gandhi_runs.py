@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hd_control.control import integral_manifold as law
 from hd_control.core.blocks import Block, FloatArray
@@ -22,6 +20,7 @@ PLANT = (
 )
 JOINT = "joint"
 UNLIMITED = 1e9  # N m: the paper's motor has no limit
+DRAWN = 1e-3  # s, between two rows of the series that are kept
 
 
 @dataclass(frozen=True)
@@ -37,41 +36,35 @@ class Experiment:
     period: float = 0.0
     nonlinear: bool = False
     phase: float = 0.0
-    law: Mapping[str, float] = field(default_factory=dict)
-    plant: Mapping[str, Any] = field(default_factory=dict)
+    law: tuple[tuple[str, float], ...] = ()
+    plant: tuple[tuple[str, Any], ...] = ()
 
 
 @dataclass(frozen=True)
 class GearRun:
-    """Series of one run, one row per control sample; angles of the motor at the output side, rad, N m."""
+    """Series of one run, one row per ms; the motor's angles at the output side, rad, N m.
+
+    `largest_deg` is the largest absolute joint error of all control samples of the steady state, degrees; not a number
+    if the run diverged.
+    """
 
     time: FloatArray
     reference: FloatArray  # (k, 8), the fields of ManifoldReference
-    measured: FloatArray  # (k, 6), the fields of the torque law's sample, true values
-    torque: FloatArray
+    measured: FloatArray  # (k, 6), the fields of the torque law's sample
+    torque: FloatArray  # motor torque, motor side
     hysteresis: FloatArray
-    steady_from: float
+    wind_up: FloatArray
+    largest_deg: float
 
-    @cached_property
+    @property
     def error_deg(self) -> FloatArray:
         """Joint position minus reference, degrees."""
         return np.rad2deg(self.measured[:, 0] - self.reference[:, 0])
 
-    @cached_property
+    @property
     def motor_error_deg(self) -> FloatArray:
         """Motor position / N minus reference, degrees: what the law makes the motor absorb."""
         return np.rad2deg(self.measured[:, 3] - self.reference[:, 0])
-
-    @property
-    def steady(self) -> NDArray[np.bool_]:
-        """Samples of the steady state."""
-        return self.time >= self.steady_from
-
-    @property
-    def largest(self) -> float:
-        """Largest absolute joint error in the steady state, degrees; not a number if the run diverged."""
-        value = float(np.abs(self.error_deg[self.steady]).max())
-        return value if math.isfinite(value) else math.nan
 
 
 def reference(c: Constants, time: FloatArray) -> FloatArray:
@@ -109,12 +102,13 @@ def law_values(c: Constants, experiment: Experiment) -> dict[str, Any]:
     series = turned(np.array(c["kinematic_cosine"]), np.array(c["kinematic_sine"]), experiment.phase)
     for kind, column in zip(("cosine", "sine"), series, strict=True):
         numbers |= {f"kinematic_{kind}_{n}": -float(value) for n, value in enumerate(column, 1)}
-    numbers |= experiment.law
+    numbers |= dict(experiment.law)
     values: dict[str, Any] = {name: [float(number)] for name, number in numbers.items()}
     values |= {"joint_names": [JOINT], "composition": experiment.composition, "load_source": "position"}
     return values | {"prediction_samples": experiment.prediction}
 
 
+@lru_cache(maxsize=64)
 def run(experiment: Experiment) -> GearRun:
     """Simulates the experiment. The load is known to the law, as in the paper."""
     c = load_constants("gandhi")
@@ -124,13 +118,18 @@ def run(experiment: Experiment) -> GearRun:
     joint, state = GearJoint(plant_values(c, experiment)), law.initial_state(params)
     wanted, output = law.new_reference(1), law.layout("ManifoldOutput", 1).zeros()
     time = np.arange(samples) * period
-    rows, measured = reference(c, time), np.empty((samples, 6))
-    torque, hysteresis = np.empty(samples), np.empty(samples)
+    rows, measured, more = reference(c, time), np.empty((samples, 6)), np.empty((samples, 3))
     sample = Block(law.new_sample(1).layout, joint.measured)
     for k in range(samples):
-        measured[k], hysteresis[k] = joint.measured, joint.hysteresis_torque
+        measured[k] = joint.measured
         wanted.array[:] = rows[k]
         law.step_in_place(params, state, sample, wanted, output, period)
-        torque[k] = output.array[0]
-        joint.advance(torque[k], step, substeps)
-    return GearRun(time, rows, measured, torque, hysteresis, c["steady_from"])
+        torque = output.array[0]
+        more[k] = torque, joint.hysteresis_torque, joint.wind_up
+        joint.advance(torque, step, substeps)
+    steady = time >= c["steady_from"]
+    largest = float(np.rad2deg(np.abs(measured[steady, 0] - rows[steady, 0]).max()))
+    keep = slice(None, None, max(1, round(DRAWN / period)))
+    u, hysteresis, wind = more[keep].T.copy()
+    shown = (time[keep], rows[keep].copy(), measured[keep].copy(), u / c["gear_ratio"], hysteresis, wind)
+    return GearRun(*shown, largest if math.isfinite(largest) else math.nan)
