@@ -24,6 +24,7 @@ JOINT_FIELDS = ("position", "velocity", "effort")
 JOINT_STATE = "sensor_msgs/msg/JointState"
 TEMPERATURE = "sensor_msgs/msg/Temperature"
 VALUES = "std_msgs/msg/Float64MultiArray"
+NUMBER = "std_msgs/msg/Float64"
 CLOCK = "rosgraph_msgs/msg/Clock"
 
 
@@ -75,6 +76,14 @@ class ValuesCodec(FixedCodec):
         template.count(0)
         template.count(count)
         super().__init__(VALUES, template, {"data": (template.doubles(count), count)})
+
+
+class NumberCodec(FixedCodec):
+    """std_msgs/Float64: one number without a stamp; field `data`."""
+
+    def __init__(self) -> None:
+        template = Template()
+        super().__init__(NUMBER, template, {"data": (template.doubles(1), 1)})
 
 
 class ClockCodec(FixedCodec):
@@ -148,6 +157,11 @@ def _values_of(cursor: _Cursor) -> FixedCodec:
     return ValuesCodec(cursor.doubles())
 
 
+def _number_of(cursor: _Cursor) -> FixedCodec:
+    cursor.skip(8, 8)
+    return NumberCodec()
+
+
 def _clock_of(cursor: _Cursor) -> FixedCodec:
     cursor.skip(8)
     return ClockCodec()
@@ -157,6 +171,7 @@ _MAKERS: dict[str, Callable[[_Cursor], FixedCodec]] = {
     JOINT_STATE: _joint_state_of,
     TEMPERATURE: _temperature_of,
     VALUES: _values_of,
+    NUMBER: _number_of,
     CLOCK: _clock_of,
 }
 

@@ -92,9 +92,9 @@ def decode(topic: str, type_name: str, blocks: Iterable[Block]) -> Columns | Non
 
 def has_fixed_layout(type_name: str) -> bool:
     """True if messages of this type can be decoded as columns."""
-    from hd_control.record.cdr import CLOCK, JOINT_STATE, TEMPERATURE
+    from hd_control.record.cdr import CLOCK, JOINT_STATE, NUMBER, TEMPERATURE
 
-    return type_name in (JOINT_STATE, TEMPERATURE, VALUES, CLOCK)
+    return type_name in (JOINT_STATE, TEMPERATURE, VALUES, NUMBER, CLOCK)
 
 
 def _layouts(type_name: str, block: Block, codec: FixedCodec | None) -> Iterator[tuple[FixedCodec, IntArray]]:

@@ -73,7 +73,7 @@ def summarize(bag: BagReader) -> dict[str, Any]:
 
 
 def _topic(bag: BagReader, name: str, kept: dict[str, Columns]) -> dict[str, Any]:
-    """Counts, rate and holes of one topic; its columns go to `kept` under the plain name if the schema knows it."""
+    """Counts, rate and holes of one topic; its columns go to `kept`, under the plain name if the schema knows it."""
     known = topic_info(name)
     row: dict[str, Any] = {
         "type": bag.topics[name],
@@ -86,8 +86,7 @@ def _topic(bag: BagReader, name: str, kept: dict[str, Columns]) -> dict[str, Any
     if not bag.counts[name] or not has_fixed_layout(bag.topics[name]):
         return row
     columns = bag.columns(name)
-    if known is not None and known.name not in kept:
-        kept[known.name] = columns
+    kept.setdefault(name if known is None else known.name, columns)
     steps = np.diff(columns.stamps_ns)
     moving = steps[steps > 0]
     row["rate"] = 1e9 / float(np.median(moving)) if len(moving) else None
