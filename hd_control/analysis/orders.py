@@ -1,0 +1,288 @@
+"""Order spectrum: amplitude of a residual or torque over cycles per turn, and the lines that stand out of it.
+
+The signal is averaged over cells of equal angle, so that a line keeps its order while the speed changes. Passes of one
+direction are cut into stretches of equal angle, windowed (Hann) and averaged in power; both directions stay apart. An
+order is judged only at speeds at which its frequency lies inside the band of the channel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hd_control.analysis.channels import JointEquations
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+FORWARD, BACKWARD = 1, -1
+CELLS_PER_CYCLE = 8
+PADDING = 2
+SPAN = 2.0**0.5
+"""Highest over lowest order of a part of the spectrum; each part uses the speeds at which it lies inside the band."""
+MARGINS = (1.25, 1.5, 2.0, 3.0)
+"""A part is computed beyond its upper end, for the floor there: by the first factor that holds enough cells."""
+LEAST_CYCLES = 10
+"""Cycles of the lowest order of a part in a stretch."""
+LONGEST_TURNS = 2000.0
+FLOOR_CELLS, LEAST_CELLS, GUARD_CELLS = 12, 5, 2
+"""Resolution cells on each side that make the local floor, at most and at least; cells next to a line that do not."""
+LINE_FACTOR = 5.0
+"""A line is this much above the local median floor."""
+WAVE_GENERATOR, JOINT = "wave-generator turn", "joint turn"
+
+
+@dataclass(frozen=True)
+class OrderRecord:
+    """One recording of one signal: `time` s, `turns` of the shaft that orders count, `values`, each (rows,); rows that
+    are `used`; `band` Hz up to which the values are not attenuated."""
+
+    time: FloatArray
+    turns: FloatArray
+    values: FloatArray
+    used: BoolArray
+    band: float
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """One windowed stretch: direction, mean speed in turns/s, power of its amplitude (orders,)."""
+
+    direction: int
+    speed: float
+    power: FloatArray
+
+
+@dataclass(frozen=True)
+class Part:
+    """The stretches of one part of the spectrum: `orders` (k,) with margins, limits, `turns` of each stretch."""
+
+    orders: FloatArray
+    low: float
+    high: float
+    turns: float
+    stretches: tuple[Stretch, ...]
+
+    @property
+    def resolution(self) -> float:
+        """Orders that are told apart: 1 / turns."""
+        return 1.0 / self.turns
+
+    def holds(self, order: float) -> bool:
+        """Does an order belong to this part, a resolution cell at its ends included?"""
+        return self.low - self.resolution <= order < self.high + self.resolution
+
+    def amplitude(self, stretches: Iterable[Stretch]) -> FloatArray:
+        """Amplitude (k,) of some stretches, averaged in power; NaN if there are none."""
+        powers = [s.power for s in stretches]
+        return np.sqrt(np.mean(powers, axis=0)) if powers else np.full(self.orders.size, np.nan)
+
+    def floor(self, amplitude: FloatArray) -> FloatArray:
+        """Local floor (k,): the larger median of both sides, so that a slope is no line; NaN without both sides."""
+        return local_floor(amplitude, round(self.resolution / float(self.orders[1] - self.orders[0])))
+
+
+@dataclass(frozen=True)
+class DirectionSpectrum:
+    """Spectrum of one direction: orders per `OrderSpectrum.turn`, amplitude, floor (k,), number of stretches (k,)."""
+
+    orders: FloatArray
+    amplitude: FloatArray
+    floor: FloatArray
+    stretches: FloatArray
+
+
+@dataclass(frozen=True)
+class Peak:
+    """A line of one direction: order, amplitude in the unit of the values, local floor, resolution in orders."""
+
+    direction: int
+    order: float
+    amplitude: float
+    floor: float
+    resolution: float
+    part: Part = field(repr=False)
+
+
+@dataclass(frozen=True)
+class OrderSpectrum:
+    """Both directions of a signal. `turn`: what orders count; `gear_ratio` wave-generator turns per joint turn, None if
+    not known; `peaks` above `LINE_FACTOR` x floor."""
+
+    turn: str
+    gear_ratio: float | None
+    directions: dict[int, DirectionSpectrum]
+    parts: tuple[Part, ...]
+    peaks: tuple[Peak, ...]
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Lowest and highest order that could be judged; NaN if none."""
+        if not self.parts:
+            return float("nan"), float("nan")
+        return min(o.low for o in self.parts), max(o.high for o in self.parts)
+
+
+def channel_record(equations: JointEquations, channel: str, residual: FloatArray, used: BoolArray) -> OrderRecord:
+    """The record of a channel's residual (rows,) over turns of the wave generator; of the joint if the model's gear
+    ratio is 1, which stands for an unknown one."""
+    part = equations.channels[channel]
+    turns = equations.states.motor_shaft_position[:: part.band.step] / (2.0 * np.pi)
+    return OrderRecord(part.time, turns, residual, used, part.band.flat)
+
+
+def order_spectrum(
+    records: Sequence[OrderRecord], gear_ratio: float | None, least: float = 0.6, most: float = 40.0
+) -> OrderSpectrum:
+    """Spectrum of one signal over all `records` together. With a gear ratio, turns are the wave generator's; without,
+    the joint's. `least`, `most`: range of orders in that unit."""
+    parts = []
+    low = least
+    while low < most:
+        high = min(SPAN * low, most)
+        part = _part(records, low, high)
+        if part is not None:
+            parts.append(part)
+        low = high
+    directions = {d: _joined(parts, d) for d in (BACKWARD, FORWARD)}
+    peaks = [peak for part in parts for d in (BACKWARD, FORWARD) for peak in _peaks(part, d)]
+    turn = JOINT if gear_ratio is None else WAVE_GENERATOR
+    return OrderSpectrum(turn, gear_ratio, directions, tuple(parts), tuple(sorted(peaks, key=lambda p: p.order)))
+
+
+@dataclass(frozen=True)
+class _Run:
+    """Rows of one record that move one way without a break and inside the band."""
+
+    record: OrderRecord
+    rows: slice
+    direction: int
+
+    @property
+    def turns(self) -> float:
+        """Turns of the run."""
+        return float(np.ptp(self.record.turns[self.rows]))
+
+
+def _runs(record: OrderRecord, highest: float) -> list[_Run]:
+    """Runs in which `highest` orders per turn stay inside the band."""
+    rate = np.gradient(record.turns, record.time)
+    inside = record.used & (np.abs(rate) * highest <= record.band)
+    state = np.where(inside, np.sign(rate), 0.0).astype(np.int64)
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(state)) + 1, [state.size]])
+    found = []
+    for start, stop in zip(edges[:-1], edges[1:], strict=True):
+        if state[start] and stop - start >= 8:
+            found.append(_Run(record, slice(int(start), int(stop)), int(state[start])))
+    return found
+
+
+def _part(records: Sequence[OrderRecord], low: float, high: float) -> Part | None:
+    cells = LEAST_CELLS + GUARD_CELLS + 1
+    for margin in MARGINS:
+        runs = [run for record in records for run in _runs(record, margin * high)]
+        turns = _stretch_turns([run.turns for run in runs], LEAST_CYCLES / low)
+        if turns is not None and (margin - 1.0) * high * turns >= cells:
+            return _spectra(runs, turns, low, high, margin * high)
+    return None
+
+
+def _spectra(runs: Sequence[_Run], turns: float, low: float, high: float, highest: float) -> Part:
+    """The stretches of `turns` turns of all runs."""
+    cells = int(np.ceil(turns * highest * CELLS_PER_CYCLE))
+    all_orders = np.asarray(np.fft.rfftfreq(PADDING * cells, turns / cells), dtype=np.float64)
+    keep = (all_orders >= max(3.0 / turns, 0.25 * low)) & (all_orders <= highest)
+    orders = all_orders[keep]
+    stretches = [s for run in runs if run.turns >= turns for s in _stretches(run, turns, cells, keep, orders)]
+    return Part(orders, low, high, turns, tuple(stretches))
+
+
+def _stretch_turns(lengths: list[float], least: float) -> float | None:
+    """The longest stretch that still uses half of all turns; None if none holds `least` turns."""
+    usable = sorted((min(x, LONGEST_TURNS) for x in lengths if x >= least), reverse=True)
+    total = sum(min(x, LONGEST_TURNS) for x in lengths)
+    best = None
+    for count, turns in enumerate(usable, 1):
+        best = turns
+        if count * turns >= 0.5 * total:
+            break
+    return best
+
+
+def _stretches(run: _Run, turns: float, cells: int, keep: BoolArray, orders: FloatArray) -> list[Stretch]:
+    """Spectra of the stretches of a run, overlapping by half."""
+    from scipy.interpolate import CubicSpline
+
+    time, values = run.record.time[run.rows], run.record.values[run.rows]
+    angle = np.maximum.accumulate(run.direction * (run.record.turns[run.rows] - run.record.turns[run.rows.start]))
+    forward = np.concatenate([[True], np.diff(angle) > 0.0])
+    rate = np.gradient(angle, time)
+    total = CubicSpline(time, values * rate).antiderivative()
+    swept = CubicSpline(time, rate).antiderivative()
+    window = np.hanning(cells + 2)[1:-1]
+    damping = np.sinc(orders * turns / cells)
+    count = 1 + int(np.floor(2.0 * (angle[-1] / turns - 1.0) + 1e-9))
+    found = []
+    for k in range(max(1, count)):
+        edges = np.linspace(0.0, turns, cells + 1) + 0.5 * k * turns
+        moments = np.interp(edges, angle[forward], time[forward])
+        mean = np.diff(total(moments)) / np.maximum(np.diff(swept(moments)), 1e-12)
+        position = np.linspace(-0.5, 0.5, cells)
+        mean = mean - mean.mean() - position * (position @ mean) / (position @ position)
+        amplitude = 2.0 * np.abs(np.fft.rfft(mean * window, PADDING * cells))[keep] / window.sum() / damping
+        speed = turns / max(float(moments[-1] - moments[0]), 1e-12)
+        found.append(Stretch(run.direction, speed, amplitude**2))
+    return found
+
+
+def local_floor(amplitude: FloatArray, cell: int) -> FloatArray:
+    """Larger of the medians of both sides (k,), `cell` bins per resolution cell; NaN where one side is too short."""
+    from numpy.lib.stride_tricks import sliding_window_view
+
+    width, guard, k = FLOOR_CELLS * cell, GUARD_CELLS * cell, amplitude.size
+    if not np.isfinite(amplitude).all():
+        return np.full(k, np.nan)
+    padded = np.pad(amplitude, width + guard, constant_values=np.nan)
+    windows = sliding_window_view(padded, width)
+    filled = np.flatnonzero(np.isfinite(windows).sum(axis=1) >= LEAST_CELLS * cell)
+    medians = np.full(len(windows), np.nan)
+    medians[filled] = np.nanmedian(windows[filled], axis=1)
+    return np.asarray(np.maximum(medians[:k], medians[2 * guard + width + 1 :][:k]))
+
+
+def _joined(parts: Sequence[Part], direction: int) -> DirectionSpectrum:
+    columns: list[tuple[FloatArray, ...]] = [(np.zeros(0),) * 4]
+    for part in parts:
+        mine = [s for s in part.stretches if s.direction == direction]
+        amplitude = part.amplitude(mine)
+        keep = (part.orders >= part.low) & (part.orders < part.high)
+        count = np.full(part.orders.size, float(len(mine)))
+        columns.append(tuple(x[keep] for x in (part.orders, amplitude, part.floor(amplitude), count)))
+    return DirectionSpectrum(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+
+
+def _peaks(part: Part, direction: int) -> list[Peak]:
+    amplitude = part.amplitude(s for s in part.stretches if s.direction == direction)
+    floor = part.floor(amplitude)
+    found = []
+    with np.errstate(invalid="ignore"):
+        above = np.flatnonzero(amplitude > LINE_FACTOR * floor)
+    for i in above:
+        near = slice(max(0, i - GUARD_CELLS * PADDING), i + GUARD_CELLS * PADDING + 1)
+        if part.holds(float(part.orders[i])) and amplitude[i] >= amplitude[near].max():
+            order, height = _summit(part.orders, amplitude, int(i))
+            found.append(Peak(direction, order, height, float(floor[i]), part.resolution, part))
+    return found
+
+
+def _summit(orders: FloatArray, amplitude: FloatArray, i: int) -> tuple[float, float]:
+    """Order and height of a peak, by a parabola through the logarithms of three bins."""
+    if not 0 < i < orders.size - 1:
+        return float(orders[i]), float(amplitude[i])
+    a, b, c = np.log(amplitude[i - 1 : i + 2])
+    bend = a - 2.0 * b + c
+    shift = 0.5 * (a - c) / bend if bend < 0.0 else 0.0
+    return float(orders[i] + shift * (orders[1] - orders[0])), float(np.exp(b - 0.25 * (a - c) * shift))
