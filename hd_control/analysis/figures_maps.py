@@ -1,0 +1,151 @@
+"""Condition maps as pictures: curves split by direction over one variable, and heat maps over speed and load."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from hd_control.analysis.condition_maps import DIRECTIONS, SPEEDS, ConditionMap, SpeedLoadMap
+from hd_control.analysis.figures_style import (
+    BACKWARD_COLOUR,
+    FORWARD_COLOUR,
+    REST_COLOUR,
+    Figure,
+    FloatArray,
+    axis,
+    layout,
+    line,
+    packed,
+    shown_unit,
+)
+from hd_control.analysis.map_sentence import NAMES
+
+WORDS = {-1: "backward", 0: "at rest", 1: "forward"}
+DIRECTION_COLOURS = {-1: BACKWARD_COLOUR, 0: REST_COLOUR, 1: FORWARD_COLOUR}
+SHOWN = {
+    "joint_position": (180.0 / np.pi, "degrees"),
+    "motor_shaft_position": (180.0 / np.pi, "degrees"),
+    "reversal_time": (1e3, "ms"),
+    "reversal_travel": (1e3, "mrad"),
+    "temperature": (1.0, "degrees Celsius"),
+}
+"""Factor and unit of a variable's axis where they differ from SI."""
+DASHES = ("solid", "dash", "dot", "dashdot")
+
+
+def map_figure(maps: Mapping[str, ConditionMap], unit: str, height: int = 330) -> Figure:
+    """Mean residual over one variable for each direction, the share of the error of each bin below.
+
+    maps: model -> map of the same variable; models differ by their dash. Shares are those of the first model.
+    """
+    first = next(iter(maps.values()))
+    factor, shown = shown_unit(unit)
+    traces: list[dict[str, Any]] = []
+    for i, (model, item) in enumerate(maps.items()):
+        for k, direction in enumerate(DIRECTIONS):
+            if item.bins.count[k].any():
+                name = WORDS[direction] if len(maps) == 1 else f"{model}, {WORDS[direction]}"
+                traces += _curve(item, k, factor, name, DIRECTION_COLOURS[direction], DASHES[i % len(DASHES)])
+    for k, direction in enumerate(DIRECTIONS):
+        if first.bins.count[k].any():
+            traces.append(_shares(first, k, WORDS[direction], DIRECTION_COLOURS[direction]))
+    text = f"Over {NAMES[first.variable]}"
+    text += f" — its mean explains {100.0 * first.explained:.0f} % of the error" if first.explained > 0.05 else ""
+    result = layout(text, height, barmode="stack", bargap=0.0)
+    result["xaxis"] = _variable_axis(first, anchor="y2")
+    result["yaxis"] = axis(f"mean error, {shown}", domain=[0.40, 1.0])
+    result["yaxis2"] = axis("share, %", domain=[0.0, 0.30], rangemode="tozero")
+    return {"data": traces, "layout": result}
+
+
+def _edges(item: ConditionMap) -> FloatArray:
+    """Edges in the unit of the axis; a lowest edge of 0 on a logarithmic axis gives way to half of the next."""
+    factor, _ = SHOWN.get(item.variable, (1.0, ""))
+    edges = factor * item.edges
+    if _logarithmic(item.variable) and edges[0] <= 0.0:
+        edges = np.concatenate([[0.5 * edges[1]], edges[1:]])
+    return np.asarray(edges)
+
+
+def _logarithmic(variable: str) -> bool:
+    return variable in SPEEDS or variable.startswith("reversal")
+
+
+def _centres(item: ConditionMap) -> FloatArray:
+    edges = _edges(item)
+    if _logarithmic(item.variable):
+        return np.asarray(np.sqrt(edges[1:] * edges[:-1]))
+    return np.asarray(0.5 * (edges[1:] + edges[:-1]))
+
+
+def _variable_axis(item: ConditionMap, **more: Any) -> dict[str, Any]:
+    _, unit = SHOWN.get(item.variable, (1.0, item.unit))
+    if item.variable == "direction":
+        return axis("direction", tickvals=list(DIRECTIONS), ticktext=list(WORDS.values()), **more)
+    kind = "log" if _logarithmic(item.variable) else "linear"
+    return axis(f"{NAMES[item.variable]}, {unit}", type=kind, **more)
+
+
+def _curve(item: ConditionMap, k: int, factor: float, name: str, colour: str, dash: str) -> list[dict[str, Any]]:
+    """The bins' means, with crosses where too few independent samples stand behind one."""
+    x, b = _centres(item), item.bins
+    mean, few = factor * b.mean[k], b.few[k]
+    details = np.stack([factor * b.rms[k], 100.0 * b.share[k], b.count[k], b.effective[k]], axis=1)
+    hover = (
+        "%{y:.3g} mean<br>%{customdata[0]:.3g} RMS<br>%{customdata[1]:.1f} % of the error"
+        "<br>%{customdata[2]:.0f} samples, %{customdata[3]:.0f} independent"
+    )
+    more = {"customdata": packed(details), "hovertemplate": hover, "legendgroup": name, "mode": "lines+markers"}
+    traces = [line(x, mean, name, colour, dash=dash, width=1.6, marker={"size": 4}, **more)]
+    if few.any():
+        cross = {"symbol": "x-thin", "size": 8, "line": {"width": 1.2, "color": colour}}
+        points = {"x": packed(x[few]), "y": packed(mean[few]), "marker": cross, "legendgroup": name}
+        traces.append({"type": "scatter", "mode": "markers", "showlegend": False, "hoverinfo": "skip", "name": name,
+                       **points})  # fmt: skip
+    return traces
+
+
+def _shares(item: ConditionMap, k: int, name: str, colour: str) -> dict[str, Any]:
+    edges = np.log10(_edges(item)) if _logarithmic(item.variable) else _edges(item)
+    return {
+        "type": "bar", "x": packed(_centres(item)), "y": packed(100.0 * item.bins.share[k]), "yaxis": "y2",
+        "name": name, "width": packed(np.diff(edges)), "marker": {"color": colour, "opacity": 0.55},
+        "showlegend": False, "hovertemplate": "%{y:.1f} %",
+    }  # fmt: skip
+
+
+def heat_figure(item: SpeedLoadMap, unit: str, model: str = "", height: int = 330) -> Figure:
+    """RMS residual over speed and joint torque, backward and forward side by side; crosses: few independent samples."""
+    factor, shown = shown_unit(unit)
+    speeds = item.speed_edges.copy()
+    if speeds[0] <= 0.0:
+        speeds[0] = 0.5 * speeds[1]
+    x, y = np.log10(speeds), item.load_edges
+    top = factor * float(np.nanmax(item.bins.rms, initial=0.0, where=np.isfinite(item.bins.rms)))
+    traces: list[dict[str, Any]] = []
+    for place, k in (("", 0), ("2", 2)):
+        details = np.stack([factor * item.bins.mean[k], 100.0 * item.bins.share[k], item.bins.count[k]])
+        traces.append({
+            "type": "heatmap", "x": packed(x), "y": packed(y), "z": packed(factor * item.bins.rms[k].T),
+            "customdata": packed(details.transpose(2, 1, 0)), "zmin": 0.0, "zmax": top, "colorscale": "Viridis",
+            "xaxis": f"x{place}", "yaxis": f"y{place}", "showscale": place == "2", "hoverongaps": False,
+            "colorbar": {"title": {"text": f"RMS<br>{shown}"}, "thickness": 10, "len": 1.0},
+            "hovertemplate": "RMS %{z:.3g}<br>mean %{customdata[0]:.3g}<br>%{customdata[1]:.1f} % of the error<br>"
+            "%{customdata[2]:.0f} samples<extra></extra>",
+        })  # fmt: skip
+        few = np.argwhere(item.bins.few[k])
+        xs, ys = (0.5 * (edges[1:] + edges[:-1]) for edges in (x, y))
+        cross = {"symbol": "x-thin", "size": 7, "line": {"width": 1.0, "color": "#ffffff"}}
+        traces.append({"type": "scatter", "mode": "markers", "x": packed(xs[few[:, 0]]), "y": packed(ys[few[:, 1]]),
+                       "marker": cross, "xaxis": f"x{place}", "yaxis": f"y{place}", "hoverinfo": "skip",
+                       "showlegend": False})  # fmt: skip
+    title = "RMS error over speed and load" + (f", {model}" if model else "")
+    result = layout(title, height)
+    ticks = {"tickvals": list(range(-5, 3)), "ticktext": [f"{10.0**p:g}" for p in range(-5, 3)], "showgrid": False}
+    result["xaxis"] = axis("backward, rad/s", domain=[0.0, 0.47], **ticks)
+    result["xaxis2"] = axis("forward, rad/s", domain=[0.53, 1.0], **ticks)
+    result["yaxis"] = axis("joint torque, N m", showgrid=False)
+    result["yaxis2"] = axis("", anchor="x2", matches="y", showticklabels=False, showgrid=False)
+    return {"data": traces, "layout": result}
