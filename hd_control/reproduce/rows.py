@@ -162,16 +162,16 @@ def met_text(row: Row) -> str:
 
 
 def table(rows: Sequence[Row]) -> Iterator[str]:
-    """The rows as text: one line each, under a head for each paper; conditions and chosen constants below."""
+    """The rows as text: one line each, under a head for each paper; its chosen constants below."""
     width = max((len(row.id) for row in rows), default=0)
     for paper in dict.fromkeys(row.paper for row in rows):
         own = [row for row in rows if row.paper == paper]
         yield TITLES.get(paper, paper)
-        yield f"  {'':{width}}{'paper':>11}{'ours':>11}{'worst':>11}  {'target':>16}  met  unit"
+        yield f"  {'':{width}}{'paper':>11}{'ours':>11}{'worst':>11}  {'target':>16}  met  {'unit':8}  conditions"
         for row in own:
             worst = number(row.worst) if row.seeds is not None else ""
             cells = f"{number(row.paper_value):>11}{number(row.ours):>11}{worst:>11}  {target_text(row):>16}"
-            yield f"  {row.id:{width}}{cells}  {met_text(row):3}  {row.unit}"
+            yield f"  {row.id:{width}}{cells}  {met_text(row):3}  {row.unit:8}  {row.conditions}"
         yield from chosen_lines(own)
         yield ""
 
