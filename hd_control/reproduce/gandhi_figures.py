@@ -23,8 +23,8 @@ def sheet(rows: list[str], units: list[str], across: str = "time in s") -> Any:
     for row, unit in enumerate(units, 1):
         figure.update_yaxes(title_text=unit, row=row, col=1)
     figure.update_xaxes(title_text=across, row=len(rows), col=1)
-    margin = {"l": 80, "r": 20, "t": 40, "b": 50}
-    figure.update_layout(template="plotly_white", height=260 * len(rows) + 60, margin=margin)
+    margin = {"l": 80, "r": 20, "t": 80, "b": 50}
+    figure.update_layout(template="plotly_white", height=250 * len(rows) + 100, margin=margin)
     return figure
 
 
