@@ -53,6 +53,14 @@ class Channel:
         """Rows (rows,) that are valid and not noisy."""
         return self.valid if self.noisy is None else np.asarray(self.valid & ~self.noisy)
 
+    def blurred(self, rows: BoolArray) -> BoolArray:
+        """Rows (rows,) of the channel that see any of the given samples (n,) of the recording through its filter."""
+        margin = round(self.band.support_s / self.spectral.period)
+        count = np.concatenate([[0], np.cumsum(rows)])
+        index = np.arange(0, rows.size, self.band.step)
+        low, high = np.maximum(index - margin, 0), np.minimum(index + margin + 1, rows.size)
+        return np.asarray(count[high] > count[low])
+
     def rows_of(self, columns: FloatArray) -> FloatArray:
         """Columns (n, k) at the rate of the recording -> (rows, k), filtered as the left side is."""
         return self.spectral.filter(columns, self.band)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from hd_control.analysis.bands import FloatArray
-from hd_control.analysis.diagnose import Task, prepare
 from hd_control.analysis.dictionary import Dictionary, build
 from hd_control.analysis.fit import Fit, RawRows
+from hd_control.analysis.hunt import Task, known_candidates, prepare
 from hd_control.analysis.joint_states import BoolArray
 from hd_control.analysis.noise import Noise
 from hd_control.analysis.scores import Scores
@@ -95,20 +95,8 @@ def compare(task: Task, written: FloatArray | None, noises: Mapping[str, Noise] 
 
     The assembly zero of the joint sensor is no property of a model: it is always refitted.
     """
-    from hd_control.analysis.groups import Candidate
-
     noises = noises or noises_of(task)
-    channels = list(task.equations.channels)
-    fixed = [
-        Candidate(
-            effect.name,
-            {n: c for n, c in effect.columns(task.equations.states, shape).items() if n in channels},
-            effect,
-            shape,
-        )
-        for effect, shape in task.known
-    ]
-    dictionary = build(task.equations, (), fixed, noises)
+    dictionary = build(task.equations, (), known_candidates(task), noises)
     scores = Scores(dictionary)
     fit = Fit.of(dictionary, scores, ())
     raw = RawRows(dictionary, ())

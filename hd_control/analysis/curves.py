@@ -1,4 +1,4 @@
-"""Curves without a law: piecewise-linear functions of one variable, the net for what no library entry explains."""
+"""Curves without a law: cubic splines of one variable, the net for what no library entry explains."""
 
 from __future__ import annotations
 
@@ -28,10 +28,13 @@ class Curve:
     kind: str = "plain"
 
 
-def hats(x: FloatArray, knots: FloatArray) -> FloatArray:
-    """Piecewise-linear hat functions (n, K); constant beyond the outer knots."""
-    position = np.interp(x, knots, np.arange(knots.size))
-    return np.asarray(np.clip(1.0 - np.abs(position[:, None] - np.arange(knots.size)), 0.0, None))
+def splines(x: FloatArray, knots: FloatArray) -> FloatArray:
+    """Cubic B-splines (n, K + 2) that add up to one; constant beyond the outer knots."""
+    from scipy.interpolate import BSpline
+
+    inside = np.clip(x, knots[0], knots[-1])
+    full = np.concatenate([np.repeat(knots[0], 3), knots, np.repeat(knots[-1], 3)])
+    return np.asarray(BSpline.design_matrix(inside, full, 3).toarray())
 
 
 def quantile_knots(x: FloatArray, count: int) -> FloatArray:
@@ -69,6 +72,9 @@ def curves(states: DriveStates, channels: set[str], time_too: bool = True) -> li
         found += _link_curves(states, time_too)
     if MOTOR in channels and LINK in channels:
         found += _gauge_curves(states, time_too)
+    for curve in found:
+        for name in set(curve.columns) - channels:
+            del curve.columns[name]
     return found
 
 
@@ -77,8 +83,11 @@ def _make(
 ) -> list[Curve]:
     if knots.size < 3:
         return []
-    columns = hats(x, knots)
-    columns = columns - columns.mean(axis=0) if kind == "plain" else columns * FACTORS[kind](states)[:, None]
+    columns = splines(x, knots)
+    if kind != "plain":
+        columns = columns * FACTORS[kind](states)[:, None]
+    elif channel == TRANSMISSION:  # a constant belongs to the assembly zero
+        columns = columns - columns.mean(axis=0)
     variables = (variable,) if kind == "plain" else (variable, kind.removeprefix("with "))
     return [Curve(f"{channel}: {variable} {kind}", variables, {channel: columns}, knots, variable, kind)]
 
@@ -163,7 +172,7 @@ def _link_curves(s: DriveStates, time_too: bool) -> list[Curve]:
 
 
 def _gauge_curves(s: DriveStates, time_too: bool) -> list[Curve]:
-    """The gauge reads wrong: -1 in the motor balance, +1 in the link balance, one curve."""
+    """The gauge reads wrong, in all balances at once, one curve."""
     sources: list[tuple[str, FloatArray, FloatArray]] = []
     if time_too:
         sources.append(("time", s.time, even_knots(s.time, 12)))
@@ -174,20 +183,25 @@ def _gauge_curves(s: DriveStates, time_too: bool) -> list[Curve]:
     found = []
     for variable, x, knots in sources:
         if knots.size >= 3:
-            columns = hats(x, knots)
-            columns -= columns.mean(axis=0)
-            both = {MOTOR: -columns, LINK: columns}
-            found.append(Curve(f"gauge: {variable} plain", (variable,), both, knots, variable))
+            columns = splines(x, knots)
+            found.append(Curve(f"gauge: {variable} plain", (variable,), misread(s, columns), knots, variable))
     if _turned(s):
         orders = _orders(LINK, s).columns[LINK]
-        both = {MOTOR: -orders, LINK: orders}
         found.append(
             Curve(
                 "gauge: motor_shaft_position plain",
                 ("motor_shaft_position",),
-                both,
+                misread(s, orders),
                 np.array(ORDERS, dtype=float),
                 "motor_shaft_position",
             )
         )
+    return found
+
+
+def misread(states: DriveStates, columns: FloatArray) -> Columns:
+    """What a torque that the gauge adds does: -1 on the rotor, +1 on the link, and a torsion that is not there."""
+    found = {MOTOR: -columns, LINK: columns}
+    if states.torsional_compliance > 0.0:
+        found[TRANSMISSION] = states.torsional_compliance * (columns - columns.mean(axis=0))
     return found

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from hd_control.analysis.channels import JointEquations
 from hd_control.analysis.confidence import confidence
-from hd_control.analysis.curves import curves
-from hd_control.analysis.dictionary import Dictionary, build
 from hd_control.analysis.fit import Fit, RawRows
 from hd_control.analysis.gates import Coverage, Lack, coverage, lacks, unsupported
-from hd_control.analysis.groups import Candidate, Group, curve_candidates, library_candidates
+from hd_control.analysis.groups import Group
+from hd_control.analysis.hunt import Task, hunt
 from hd_control.analysis.intervals import Bootstrap
 from hd_control.analysis.leftover import bursts
-from hd_control.analysis.refine import refine
 from hd_control.analysis.rivals import Rival, rivals
 from hd_control.analysis.scores import Scores
-from hd_control.analysis.search import Search, Selection, Thresholds
+from hd_control.analysis.search import Search, Selection
 from hd_control.analysis.verdict import (
     ADEQUATE,
     CANNOT_TELL,
@@ -33,25 +31,7 @@ from hd_control.analysis.verdict import (
     NamedEffect,
     Unknown,
 )
-from hd_control.drive.effect import UNITS, Context, Effect, Shape
-
-ROUNDS = 2
-SECOND_STAGE = ("presliding",)
-"""Effects that live in the rows that the first search leaves out."""
-SCALE_TOLERANCE = 2e-3
-LOUDER = 1.05
-
-
-@dataclass(frozen=True)
-class Task:
-    """What is asked: the balances of a joint, the library, what the model holds already (effect, shape), and limits."""
-
-    equations: JointEquations
-    library: Mapping[str, type[Effect]]
-    known: tuple[tuple[type[Effect], Shape], ...] = ()
-    context: Context = Context(np.inf, 0.0, 1.0)
-    rated_torque: float | None = None
-    thresholds: Thresholds = Thresholds()
+from hd_control.drive.effect import UNITS
 
 
 def diagnose(task: Task) -> JointDiagnosis:
@@ -61,82 +41,9 @@ def diagnose(task: Task) -> JointDiagnosis:
     missing = lacks(found, task.rated_torque)
     if _hopeless(task.equations, found):
         return _refusal(task, found, missing, {}, time.process_time() - start)
-    search, selection = _search(task, prepare(task))
+    search, selection = hunt(task)
     answer = _answer(task, found, missing, search, selection)
     return replace(answer, seconds=time.process_time() - start)
-
-
-def prepare(task: Task) -> Dictionary:
-    """The dictionary of everything that could be missing, in units in which the baseline's a and b are 1."""
-    equations = task.equations
-    channels = list(equations.channels)
-    names = {effect.name for effect, _ in task.known}
-    effects = [e for n, e in task.library.items() if not e.in_every_model and n not in names and n not in SECOND_STAGE]
-    candidates = library_candidates(effects, equations.states, channels)
-    candidates += curve_candidates(curves(equations.states, set(channels)))
-    fixed = [
-        Candidate(effect.name, {n: c for n, c in effect.columns(equations.states, shape).items() if n in channels},
-                  effect, shape)
-        for effect, shape in task.known
-    ]  # fmt: skip
-    return build(equations, candidates, fixed)
-
-
-def _search(task: Task, dictionary: Dictionary) -> tuple[Search, Selection]:
-    """Search, then rescale with what was found and refine shapes, until neither moves."""
-    scores = Scores(dictionary)
-    dictionary, scores = _rescaled(dictionary, scores, ())
-    search = Search(dictionary, scores, task.thresholds)
-    selection = search.run()
-    factors = _too_quiet(Fit.of(dictionary, scores, selection))
-    if selection and factors:
-        dictionary = dictionary.louder(factors)
-        dictionary, scores = _rescaled(dictionary, Scores(dictionary), ())
-        search = Search(dictionary, scores, task.thresholds)
-        selection = search.run()
-    for _ in range(ROUNDS):
-        if not selection:
-            break
-        better = refine(dictionary, scores, selection)
-        dictionary, scores, selection = _replaced(dictionary, scores, selection, better)
-        names = [(g.name, tuple(g.index)) for g in selection]
-        dictionary, scores = _rescaled(dictionary, scores, selection)
-        search = Search(dictionary, scores, task.thresholds)
-        by_index = {int(g.index[0]): g for g in dictionary.groups}
-        selection = tuple(by_index[index[0]] for _, index in names)
-        again = search.extend(search.forward(search.tidy(selection)))
-        if {id(g) for g in again} == {id(g) for g in selection} and not better:
-            break
-        selection = again
-    return search, selection
-
-
-def _too_quiet(fit: Fit) -> dict[str, float]:
-    """Channels whose noise was taken too small, with the factor: a fit with very many columns leaves too little."""
-    found = {name: 1.4826 * float(np.median(np.abs(r))) for name, r in fit.residuals().items() if r.size}
-    return {name: factor for name, factor in found.items() if factor > LOUDER}
-
-
-def _rescaled(dictionary: Dictionary, scores: Scores, selection: Selection) -> tuple[Dictionary, Scores]:
-    """Units in which a and b of a fit are 1."""
-    scales = Fit.of(dictionary, scores, selection).scales
-    if all(abs(value - 1.0) < SCALE_TOLERANCE for value in scales.values()):
-        return dictionary, scores
-    safe = {name: value if 0.2 < value < 5.0 else 1.0 for name, value in scales.items()}
-    dictionary = dictionary.rescaled(safe)
-    return dictionary, Scores(dictionary)
-
-
-def _replaced(
-    dictionary: Dictionary, scores: Scores, selection: Selection, better: Mapping[str, Candidate]
-) -> tuple[Dictionary, Scores, Selection]:
-    """The selection with refined shapes in place of the grid's."""
-    if not better:
-        return dictionary, scores, selection
-    dictionary = dictionary.with_candidates(list(better.values()))
-    scores = scores.extended(dictionary)
-    fresh = dict(zip(better, dictionary.groups[-len(better) :], strict=True))
-    return dictionary, scores, tuple(fresh.get(group.name, group) for group in selection)
 
 
 def _hopeless(equations: JointEquations, found: Coverage) -> bool:

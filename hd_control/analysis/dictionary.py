@@ -123,6 +123,19 @@ class Dictionary:
         }
         return _normed(replace(self, rows=rows))
 
+    def without_rows(self, blind: Mapping[str, BoolArray]) -> Dictionary:
+        """The same without some rows of channels; `blind` (rows of the channel,) by channel."""
+        rows = {}
+        for name, part in self.rows.items():
+            columns = part.columns * self.norm[part.index]
+            if name in blind:
+                keep = ~blind[name][part.usable]
+                usable = part.usable & ~blind[name]
+                part = replace(part, usable=usable, time=part.time[keep], block=part.block[keep], fold=part.fold[keep])
+                part, columns = replace(part, left=part.left[keep]), columns[keep]
+            rows[name] = replace(part, columns=columns)
+        return _normed(replace(self, rows=rows))
+
     def whitened(self, channel: str, columns: FloatArray) -> FloatArray:
         """Raw columns (n, k) at the rate of the recording as whitened rows of a channel, physical units, (rows, k)."""
         part = self.rows[channel]

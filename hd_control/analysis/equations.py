@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hd_control.analysis.bands import Band, FloatArray, Spectral, band_for
 from hd_control.analysis.channels import Base, Channel, JointEquations, Known, LinkFunction, LinkTerms
@@ -32,6 +33,8 @@ from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, DriveStates
 
 BANDS = {TRANSMISSION: (80.0, 122.0), LINK: (30.0, 40.0)}
 """Hz, flat and zero."""
+SPRING_BAND = (60.0, 95.0)
+"""Of the torque that drives hysteresis and other torsion laws: wide, for its reversals must not be late."""
 MOTOR_BANDS = ((38.0, 60.0), (30.0, 48.5), (25.0, 40.5), (20.0, 32.5), (15.0, 24.3))
 """Hz. The first in which the acceleration stands out of its noise: encoder noise returns through the controller into u,
 so that a noisy band shows delays that are not there."""
@@ -74,6 +77,7 @@ def build_equations(signals: JointSignals, known: Known, link: LinkFunction | No
         for name, channel in ((MOTOR, builder.motor()), (TRANSMISSION, builder.transmission()), (LINK, builder.link()))
         if channel is not None
     }
+    states = builder.with_spring(states, channels.get(TRANSMISSION))
     return JointEquations(
         signals.joint, states, derived, spectral, channels, known.rotor_inertia, 1.0, builder.substituted
     )
@@ -186,10 +190,25 @@ class _Builder:
         base = self._torsion_base(band, damping)
         return Channel(TRANSMISSION, band, sp, s.time[:: band.step], valid, left, base, None, np.inf, damping)
 
+    def with_spring(self, states: DriveStates, channel: Channel | None) -> DriveStates:
+        """The states with the torque that the spring carries without the damper, and the compliance as measured."""
+        if channel is None or not channel.valid.any():
+            return states
+        sp, lag = self.spectral, self._lag(channel.damping_time)
+        band = band_for(self.signals.period, *SPRING_BAND)
+        columns = channel.base_matrix[channel.valid]
+        scale = np.sqrt((columns**2).mean(axis=0)) + 1e-300
+        compliance = float(np.linalg.lstsq(columns / scale, channel.left[channel.valid], rcond=None)[0][0] / scale[0])
+        spring = sp.filter(states.gauge_torque, Band(band.flat, band.zero), 0, lag)
+        return replace(states, spring_torque=spring, torsional_compliance=max(compliance, 0.0))
+
+    def _lag(self, damping: float) -> NDArray[np.complex128]:
+        """Spring over whole torque: 1 / (1 + d s)."""
+        return np.asarray(1.0 / (1.0 + 2j * np.pi * self.spectral.frequency * damping), dtype=np.complex128)
+
     def _torsion_base(self, band: Band, damping: float) -> tuple[Base, ...]:
         """Torsion of spring and damper in parallel: tau_s / (k (1 + d s)), its change with d, zero, and nuisances."""
-        sp, omega = self.spectral, 2j * np.pi * self.spectral.frequency
-        lag = np.asarray(1.0 / (1.0 + omega * damping), dtype=np.complex128)
+        sp, lag = self.spectral, self._lag(damping)
         torque = sp.transform(self.states.gauge_torque)
         raw = sp.back(*torque, band, 0, lag)[:, 0]
         slope = sp.back(*torque, band, 1, np.asarray(lag * lag, dtype=np.complex128))[:, 0]

@@ -8,9 +8,9 @@ import numpy as np
 
 from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.channels import JointEquations, Known, LinkFunction
-from hd_control.analysis.diagnose import Task
 from hd_control.analysis.dictionary import Dictionary
 from hd_control.analysis.equations import build_equations
+from hd_control.analysis.hunt import Task
 from hd_control.analysis.signals import JointSignals
 from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, Context, Effect, Shape
 from hd_control.drive.library import library
@@ -35,8 +35,9 @@ def equations_of(signals: JointSignals, joint: JointModel, link: LinkFunction | 
     )
     equations = build_equations(signals, known, link)
     stiffness = joint.number("torsional_stiffness", "torsional_stiffness")
-    compliance = 1.0 / stiffness if stiffness > 0.0 else 0.0
-    return replace(equations, states=replace(equations.states, torsional_compliance=compliance))
+    if equations.states.torsional_compliance > 0.0 or stiffness <= 0.0:
+        return equations
+    return replace(equations, states=replace(equations.states, torsional_compliance=1.0 / stiffness))
 
 
 def known_effects(joint: JointModel, context: Context) -> tuple[tuple[type[Effect], Shape, FloatArray], ...]:

@@ -6,6 +6,8 @@ A prior of a base coefficient counts as one more measurement, spread over the fo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from hd_control.analysis.bands import FloatArray
@@ -33,8 +35,13 @@ class Scores:
         self.ridge = dictionary.ridge
         self._prior = dictionary.precision / dictionary.norm**2
         self.gram[:, np.arange(size), np.arange(size)] += self._prior / folds
+        self._sum_up()
+
+    def _sum_up(self) -> None:
+        """Sums over the folds, and over all but one."""
         self.gram_all = self.gram.sum(axis=0)
         self.right_all = self.right.sum(axis=0)
+        self.rest = self.gram_all - self.gram
 
     def extended(self, dictionary: Dictionary) -> Scores:
         """The scores of the same dictionary with more groups behind: only the new columns are multiplied."""
@@ -54,13 +61,12 @@ class Scores:
                 found.gram[fold][np.ix_(part.index, part.index[new])] += cross
                 found.gram[fold][np.ix_(part.index[new], part.index[~new])] += cross[~new].T
                 found.right[fold][part.index[new]] += x[:, new].T @ part.left[mine]
-        found.gram_all, found.right_all = found.gram.sum(axis=0), found.right.sum(axis=0)
+        found._sum_up()
         return found
 
     def train(self, index: IntArray) -> FloatArray:
         """Coefficients (folds, k) of a selection, each fitted on the other folds."""
-        grid = np.ix_(index, index)
-        left = np.stack([self.gram_all[grid] - gram[grid] for gram in self.gram])
+        left = self.rest[:, index[:, None], index[None, :]]
         left[:, np.arange(index.size), np.arange(index.size)] += self.ridge[index]
         right = self.right_all[index] - self.right[:, index]
         return np.asarray(np.linalg.solve(left, right[..., None])[..., 0])
@@ -81,28 +87,30 @@ class Scores:
             total += 0.5 * (self.squares[fold] - 2.0 * c[fold] @ self.right[fold][index] + quadratic)
         return float(total)
 
-    def gains(self, index: IntArray, groups: list[Group]) -> FloatArray:
+    def gains(self, index: IntArray, groups: Sequence[Group]) -> FloatArray:
         """Held-out gain of each group added to a selection, nats. Elimination of the selection, fold by fold."""
         gain = np.zeros(len(groups))
+        batches = [(place, np.stack([groups[i].index for i in place])) for place in _by_width(groups)]
         for fold in range(len(self.squares)):
-            a = self.gram_all - self.gram[fold]
-            s = a[np.ix_(index, index)].copy()
+            rows, g, r = self.rest[fold][index], self.gram[fold], self.right[fold]
+            s = rows[:, index].copy()
             s[np.diag_indices(index.size)] += self.ridge[index]
-            rest = self.right_all - self.right[fold]
-            solved = np.linalg.solve(s, np.concatenate([a[index], rest[index, None]], axis=1))
-            b, c0 = solved[:, :-1], solved[:, -1]
-            train_gram = a - a[index].T @ b
-            train_right = rest - a[index].T @ c0
-            g, r = self.gram[fold], self.right[fold]
-            cross = b.T @ g[index]
-            test_gram = g - cross - cross.T + b.T @ (g[np.ix_(index, index)] @ b)
-            test_right = r - g[:, index] @ c0 - b.T @ (r[index] - g[np.ix_(index, index)] @ c0)
-            for i, group in enumerate(groups):
-                j = group.index
-                p = train_gram[np.ix_(j, j)]
-                p = p + np.diag(self.ridge[j])
-                d = np.linalg.solve(p, train_right[j])
-                gain[i] += d @ test_right[j] - 0.5 * d @ test_gram[np.ix_(j, j)] @ d
+            rest = self.right_all - r
+            solved = np.linalg.solve(s, np.concatenate([rows, rest[index, None]], axis=1))
+            b, c = solved[:, :-1], solved[:, -1]
+            tested, seen = g[index], g[np.ix_(index, index)] @ b
+            train_right = rest - rows.T @ c
+            test_right = r - tested.T @ c - b.T @ (r[index] - g[np.ix_(index, index)] @ c)
+            half = seen - 2.0 * tested
+            for place, j in batches:
+                block = (j[:, :, None], j[:, None, :])
+                bj = b[:, j]
+                train = self.rest[fold][block] - np.einsum("kgi,kgj->gij", bj, rows[:, j])
+                test = g[block] + np.einsum("kgi,kgj->gij", bj, half[:, j])
+                train[:, np.arange(j.shape[1]), np.arange(j.shape[1])] += self.ridge[j]
+                d = np.linalg.solve(train, train_right[j][..., None])[..., 0]
+                quadratic = np.einsum("gi,gij,gj->g", d, test, d)
+                gain[place] += np.einsum("gi,gi->g", d, test_right[j]) - 0.5 * quadratic
         return gain
 
     def block_losses(self, index: IntArray) -> FloatArray:
@@ -121,3 +129,9 @@ class Scores:
                 np.add.at(losses, part.block[rows], 0.5 * error**2)
         losses[losses > 0.0] += 0.5 * float(np.mean(c**2 @ self._prior[index])) / max(1, np.count_nonzero(losses))
         return losses
+
+
+def _by_width(groups: Sequence[Group]) -> list[IntArray]:
+    """Places of the groups that have equally many coefficients, together."""
+    widths = np.array([group.index.size for group in groups])
+    return [np.flatnonzero(widths == width) for width in np.unique(widths)]

@@ -32,6 +32,9 @@ class Thresholds:
     most_curves: int = 2
     curve_penalty: float = 40.0
     effect_penalty: float = 8.0
+    ghost: float = 1e-4
+    curve_relative: float = 0.005
+    """A curve must explain this share more than laws do: no law is exact, and a curve fits what it leaves."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,9 @@ class Search:
         )
         self._library = np.array([not group.is_curve for group in self.groups])
         self._place = {id(group): i for i, group in enumerate(self.groups)}
+        self._plain_loss = scores.loss(dictionary.base)
+        self._rankings: dict[frozenset[int], FloatArray] = {}
+        self._supports: dict[tuple[int, frozenset[int]], Support] = {}
 
     def index(self, selection: Selection) -> IntArray:
         """Coefficients of the base and a selection."""
@@ -72,6 +78,12 @@ class Search:
 
     def ranking(self, selection: Selection) -> FloatArray:
         """Penalised held-out gain of every group on top of a selection; -inf for what it holds already."""
+        key = _key(selection)
+        if key not in self._rankings:
+            self._rankings[key] = self._ranking(selection)
+        return self._rankings[key]
+
+    def _ranking(self, selection: Selection) -> FloatArray:
         names = {group.name for group in selection}
         free = [i for i, group in enumerate(self.groups) if group.name not in names]
         ranking = np.full(len(self.groups), -np.inf)
@@ -82,6 +94,12 @@ class Search:
 
     def support(self, group: Group, selection: Selection) -> Support:
         """Support of a group on top of a selection that does not hold it."""
+        key = (int(group.index[0]), _key(selection))
+        if key not in self._supports:
+            self._supports[key] = self._support(group, selection)
+        return self._supports[key]
+
+    def _support(self, group: Group, selection: Selection) -> Support:
         without = self.scores.block_losses(self.index(selection))
         d = without - self.scores.block_losses(self.index((*selection, group)))
         d = d[without > 0.0]
@@ -109,7 +127,9 @@ class Search:
             self.penalty[self._place[id(g)]] + (limits.curve_penalty if g.is_curve else limits.effect_penalty)
             for g in selection
         ]
-        return self.scores.loss(self.index(selection)) + float(sum(extra))
+        loss = self.scores.loss(self.index(selection))
+        curves = sum(g.is_curve for g in selection)
+        return loss + float(sum(extra)) + limits.curve_relative * curves * max(0.0, self._plain_loss - loss)
 
     def forward(self, selection: Selection) -> Selection:
         """Adds acceptable effects, best first, and tidies up after each."""
@@ -149,7 +169,7 @@ class Search:
             ranking = self.ranking(rest)
             if group.is_curve:
                 ranking = np.where(self._library, ranking, -np.inf)
-            own = self.scores.gains(self.index(rest), [group])[0] - self.penalty[self._place[id(group)]]
+            own = float(self.ranking(rest)[self._place[id(group)]])
             same = np.array([g.name == group.name for g in self.groups])
             for kind, margin in ((same, 0.3), (~same & self._library, 3.0)):
                 best = int(np.argmax(np.where(kind, ranking, -np.inf)))
@@ -172,6 +192,18 @@ class Search:
             selection = tidied
         return selection
 
+    def prune(self, selection: Selection) -> Selection:
+        """Without what a strong neighbour on the same channel leaves behind because its law is not exact."""
+        gains = {id(g): self.support(g, tuple(h for h in selection if h is not g)).gain for g in selection}
+        return tuple(
+            g
+            for g in selection
+            if all(
+                gains[id(g)] > self.thresholds.ghost * gains[id(h)] or not set(g.channels) & set(h.channels)
+                for h in selection
+            )
+        )
+
     def best_curves(self, selection: Selection, count: int = 3) -> list[Group]:
         """The free curves with the largest acceptable gain on top of a selection."""
         ranking = np.where(self._library, -np.inf, self.ranking(selection))
@@ -186,3 +218,7 @@ class Search:
             for curve in self.best_curves(()):
                 found.append(self.extend(self.forward((curve,))))
         return min(found, key=self.criterion)
+
+
+def _key(selection: Selection) -> frozenset[int]:
+    return frozenset(int(group.index[0]) for group in selection)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from hd_control.analysis.diagnose import Task, diagnose
+from hd_control.analysis.diagnose import diagnose
+from hd_control.analysis.hunt import Task
 from hd_control.analysis.joint_task import task_of
 from hd_control.analysis.link_function import LinkSide
 from hd_control.analysis.signals import Recording

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 Shape = Mapping[str, Any]
 """Values of the parameters in which an effect is not linear, by name; and choices of form."""
 Columns = dict[str, FloatArray]
@@ -44,7 +45,8 @@ class DriveStates:
     `link_inertia_torque` M q'' and `link_bias_torque` (gravity, Coriolis) are the nominal link dynamics of the joint.
     `link_regressor` (n, 10) and `tool_regressor` (n, 10): torque at this joint per inertial parameter (mass, first
     moments, inertia about the joint frame's origin) of a body carried by the own link and by the last link; None
-    without a robot description. `torsional_compliance` 1/k rad/(N m) as the model states it, 0 if it does not.
+    without a robot description. `spring_torque`: the part of the joint torque that spring and hysteresis carry without
+    the damper, None where it is not known apart. `torsional_compliance` 1/k rad/(N m), 0 where it is not known.
     """
 
     period: float
@@ -68,6 +70,12 @@ class DriveStates:
     link_regressor: FloatArray | None = None
     tool_regressor: FloatArray | None = None
     torsional_compliance: float = 0.0
+    spring_torque: FloatArray | None = None
+
+    @property
+    def elastic_torque(self) -> FloatArray:
+        """What winds up the spring, N m."""
+        return self.joint_torque if self.spring_torque is None else self.spring_torque
 
     @property
     def motor_shaft_position(self) -> FloatArray:
@@ -148,6 +156,11 @@ class Effect(ABC):
     @classmethod
     def shape_bounds(cls, shape: Shape, states: DriveStates) -> dict[str, tuple[float, float]]:
         """Bounds of the continuous entries of a shape for refinement; entries that are choices are left out."""
+        return {}
+
+    @classmethod
+    def blind(cls, states: DriveStates, shape: Shape) -> dict[str, BoolArray]:
+        """Rows (n,) by channel at which the effect acts but its law does not say how; a fit leaves them out."""
         return {}
 
     @classmethod

@@ -15,6 +15,7 @@ import numpy as np
 
 from hd_control.drive.effect import (
     TRANSMISSION,
+    BoolArray,
     Columns,
     Confusion,
     DriveStates,
@@ -23,6 +24,9 @@ from hd_control.drive.effect import (
     Reference,
     Shape,
 )
+
+CROSSING = 2.5
+"""Crossing torques beyond which the gear has left the gap."""
 
 
 @final
@@ -66,4 +70,9 @@ class Backlash(Effect):
 
     @classmethod
     def columns(cls, states: DriveStates, shape: Shape) -> Columns:
-        return {TRANSMISSION: -np.tanh(states.joint_torque / float(shape["crossing_torque"]))[:, None]}
+        return {TRANSMISSION: -np.tanh(states.elastic_torque / float(shape["crossing_torque"]))[:, None]}
+
+    @classmethod
+    def blind(cls, states: DriveStates, shape: Shape) -> dict[str, BoolArray]:
+        """Inside the gap the torque does not tell where the gear lies."""
+        return {TRANSMISSION: np.abs(states.elastic_torque) < CROSSING * float(shape["crossing_torque"])}

@@ -14,6 +14,7 @@ import numpy as np
 
 from hd_control.drive.effect import (
     LINK,
+    BoolArray,
     Columns,
     Confusion,
     Context,
@@ -60,6 +61,11 @@ class LinkFriction(Effect):
         v = states.joint_velocity
         found = [np.tanh(v / STANDSTILL) if term == "link_coulomb" else v for term in shape["terms"]]
         return {LINK: np.stack(found, axis=1)}
+
+    @classmethod
+    def blind(cls, states: DriveStates, shape: Shape) -> dict[str, BoolArray]:
+        """Near standstill friction builds up over a small travel, and the direction is not known."""
+        return {LINK: np.abs(states.joint_velocity) < 3.0 * STANDSTILL}
 
     @classmethod
     def split(cls, values: Mapping[str, float], context: Context) -> tuple[Shape, FloatArray]:

@@ -93,7 +93,7 @@ class NonlinearStiffness(Effect):
 
     @classmethod
     def columns(cls, states: DriveStates, shape: Shape) -> Columns:
-        tau = states.joint_torque
+        tau = states.elastic_torque
         if shape["form"] == HARDENING:
             scale = float(shape["scale"])
             x = tau / scale

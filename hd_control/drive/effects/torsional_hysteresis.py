@@ -31,7 +31,7 @@ from hd_control.drive.effect import (
 )
 from hd_control.drive.shapes import approach, approach_step
 
-NOISE_SHARE = 2e-3
+NOISE_SHARE = 5e-4
 """Reversals of the torque below this share of its scale are noise."""
 FIRST_STIFFENING = 0.2
 """p of the first guess of every shape."""
@@ -111,11 +111,11 @@ class TorsionalHysteresis(Effect):
 
     @classmethod
     def memory_along(cls, states: DriveStates, shape: Shape, rows: IntArray) -> FloatArray:
-        return np.stack([_level(states, shape)[rows], states.joint_torque[rows]])
+        return np.stack([_level(states, shape)[rows], states.elastic_torque[rows]])
 
     @classmethod
     def advance(cls, states: DriveStates, shape: Shape, memory: FloatArray) -> tuple[Columns, FloatArray]:
-        tau = states.joint_torque
+        tau = states.elastic_torque
         change = np.where(np.isnan(memory[1]), 0.0, tau - memory[1])
         rate, stiffening = float(shape["torque_rate"]), float(shape.get("stiffening", 0.0))
         level = approach_step(np.nan_to_num(memory[0]), change, rate, stiffening)
@@ -125,4 +125,4 @@ class TorsionalHysteresis(Effect):
 def _level(states: DriveStates, shape: Shape) -> FloatArray:
     """H along a recording, (n,)."""
     rate, stiffening = float(shape["torque_rate"]), float(shape.get("stiffening", 0.0))
-    return approach(states.joint_torque, rate, NOISE_SHARE * states.torque_scale, stiffening)
+    return approach(states.elastic_torque, rate, NOISE_SHARE * states.torque_scale, stiffening)

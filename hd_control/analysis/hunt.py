@@ -1,0 +1,217 @@
+"""From a task to the selection of effects and curves that the data support: search, then correct what it assumed.
+
+After a first search five assumptions are checked, and what fails is mended before the search goes on: the noise was
+estimated well, the laws hold on all rows, shapes are on a grid, stiffness and scales a, b are those of the first guess,
+and two effects on one channel each are not one effect on both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hd_control.analysis.channels import JointEquations
+from hd_control.analysis.curves import Curve, curves, misread
+from hd_control.analysis.dictionary import Dictionary, build
+from hd_control.analysis.fit import Fit
+from hd_control.analysis.groups import Candidate, Group, curve_candidates, library_candidates
+from hd_control.analysis.joint_states import BoolArray
+from hd_control.analysis.merge import merged
+from hd_control.analysis.refine import refine
+from hd_control.analysis.scores import Scores
+from hd_control.analysis.search import Search, Selection, Thresholds
+from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, Context, Effect, Shape
+
+ROUNDS = 2
+SECOND_STAGE = ("presliding",)
+"""Effects that live in the rows that the first search leaves out."""
+SCALE_TOLERANCE = 2e-3
+LOUDER = 1.05
+STIFFER = 2e-4
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is asked: the balances of a joint, the library, what the model holds already (effect, shape), and limits."""
+
+    equations: JointEquations
+    library: Mapping[str, type[Effect]]
+    known: tuple[tuple[type[Effect], Shape], ...] = ()
+    context: Context = Context(np.inf, 0.0, 1.0)
+    rated_torque: float | None = None
+    thresholds: Thresholds = Thresholds()
+
+
+def prepare(task: Task) -> Dictionary:
+    """The dictionary of everything that could be missing, in units in which the baseline's a and b are 1."""
+    equations = task.equations
+    channels = list(equations.channels)
+    names = {effect.name for effect, _ in task.known}
+    effects = [e for n, e in task.library.items() if not e.in_every_model and n not in names and n not in SECOND_STAGE]
+    candidates = library_candidates(effects, equations.states, channels)
+    candidates += curve_candidates(curves(equations.states, set(channels)))
+    return build(equations, candidates, known_candidates(task))
+
+
+def known_candidates(task: Task) -> list[Candidate]:
+    """What the model holds already, as candidates that join the base."""
+    states, channels = task.equations.states, task.equations.channels
+    return [
+        Candidate(e.name, {n: c for n, c in e.columns(states, shape).items() if n in channels}, e, shape)
+        for e, shape in task.known
+    ]
+
+
+def hunt(task: Task) -> tuple[Search, Selection]:
+    """The search in its last state, and what it selected."""
+    chase = _Chase(task, prepare(task))
+    chase.rescale(())
+    selection = chase.search.run()
+    if selection and chase.mend_noise(selection):
+        selection = chase.search.run()
+    if selection and chase.leave_blind_rows(selection):
+        selection = chase.search.run()
+    for effect in chase.laws_for_curves(selection):
+        selection = chase.try_law(effect, selection)
+    for _ in range(ROUNDS):
+        if not selection:
+            break
+        before = {g.name for g in selection}
+        selection, moved = chase.correct(selection)
+        selection = chase.merge(selection)
+        search = chase.search
+        selection = search.prune(search.extend(search.forward(search.tidy(selection))))
+        if {g.name for g in selection} == before and not moved:
+            break
+    return chase.search, selection
+
+
+class _Chase:
+    """The dictionary as it is mended, with its scores and search."""
+
+    def __init__(self, task: Task, dictionary: Dictionary) -> None:
+        self.task, self.dictionary = task, dictionary
+        self._renew()
+
+    def _renew(self, scores: Scores | None = None) -> None:
+        self.scores = Scores(self.dictionary) if scores is None else scores
+        self.search = Search(self.dictionary, self.scores, self.task.thresholds)
+
+    def fit(self, selection: Selection) -> Fit:
+        """The selection fitted on all folds."""
+        return Fit.of(self.dictionary, self.scores, selection)
+
+    def rescale(self, selection: Selection) -> Selection:
+        """Units in which a and b of a fit are 1; returns the selection in them."""
+        scales = self.fit(selection).scales
+        if all(abs(value - 1.0) < SCALE_TOLERANCE for value in scales.values()):
+            return selection
+        safe = {name: value if 0.2 < value < 5.0 else 1.0 for name, value in scales.items()}
+        self.dictionary = self.dictionary.rescaled(safe)
+        self._renew()
+        return selection
+
+    def mend_noise(self, selection: Selection) -> bool:
+        """A fit with very many columns leaves too little: takes the noise from what the selection leaves, if larger."""
+        left = self.fit(selection).residuals()
+        found = {name: 1.4826 * float(np.median(np.abs(r))) for name, r in left.items() if r.size}
+        factors = {name: factor for name, factor in found.items() if factor > LOUDER}
+        if factors:
+            self.dictionary = self.dictionary.louder(factors)
+            self._renew()
+            self.rescale(())
+        return bool(factors)
+
+    def leave_blind_rows(self, selection: Selection) -> bool:
+        """Leaves out the rows at which a selected law does not say how it acts."""
+        blind = blind_rows(self.dictionary, selection)
+        if blind:
+            self.dictionary = self.dictionary.without_rows(blind)
+            self._renew()
+            self.rescale(())
+        return bool(blind)
+
+    def laws_for_curves(self, selection: Selection) -> list[str]:
+        """Effects whose law leaves rows out and that could stand where a curve was selected."""
+        states, left = self.dictionary.equations.states, {n for g in selection if g.is_curve for n in g.channels}
+        names = {group.name for group in selection}
+        found = [
+            group.name
+            for group in self.dictionary.groups
+            if group.effect is not None
+            and group.name not in names
+            and left & set(group.effect.blind(states, group.shape))
+        ]
+        return list(dict.fromkeys(found))
+
+    def try_law(self, name: str, selection: Selection) -> Selection:
+        """Searches again without the rows that a law leaves out; the new selection if it needs fewer curves."""
+        before = self.dictionary, self.scores, self.search
+        shapes = tuple(group for group in self.dictionary.groups if group.name == name)
+        self.leave_blind_rows(shapes[-1:])
+        again = self.search.run()
+        if name in {g.name for g in again} and sum(g.is_curve for g in again) < sum(g.is_curve for g in selection):
+            return again
+        self.dictionary, self.scores, self.search = before
+        return selection
+
+    def correct(self, selection: Selection) -> tuple[Selection, bool]:
+        """Refined shapes, columns for the fitted stiffness, scales. True if anything moved."""
+        better = refine(self.dictionary, self.scores, selection)
+        better |= self._stiffer(selection, better)
+        if better:
+            self.dictionary = self.dictionary.with_candidates(list(better.values()))
+            self._renew(self.scores.extended(self.dictionary))
+            fresh = dict(zip(better, self.dictionary.groups[-len(better) :], strict=True))
+            selection = tuple(fresh.get(group.name, group) for group in selection)
+        return self.rescale(selection), bool(better)
+
+    def _stiffer(self, selection: Selection, better: Mapping[str, Candidate]) -> dict[str, Candidate]:
+        """Columns of what the gauge misreads, for the stiffness that the fit found."""
+        compliance, states = 1.0 / self.fit(selection).torsional_stiffness, self.dictionary.equations.states
+        if not np.isfinite(compliance) or abs(compliance / states.torsional_compliance - 1.0) < STIFFER:
+            return {}
+        states = replace(states, torsional_compliance=compliance)
+        self.dictionary = replace(self.dictionary, equations=replace(self.dictionary.equations, states=states))
+        found = {}
+        for group in selection:
+            if {TRANSMISSION, LINK, MOTOR} <= set(group.channels):
+                found[group.name] = self._again(group, better.get(group.name))
+        return found
+
+    def _again(self, group: Group, better: Candidate | None) -> Candidate:
+        states, channels = self.dictionary.equations.states, self.dictionary.rows
+        if group.curve is not None:
+            columns = misread(states, group.curve.columns[LINK])
+            curve = Curve(**{**vars(group.curve), "columns": columns})
+            return Candidate(group.name, columns, curve=curve)
+        assert group.effect is not None
+        shape = group.shape if better is None else better.shape
+        columns = {n: c for n, c in group.effect.columns(states, shape).items() if n in channels}
+        return Candidate(group.name, columns, group.effect, shape)
+
+    def merge(self, selection: Selection) -> Selection:
+        """One effect on several channels in place of several on one each, where that is as good."""
+        better, scales = merged(self.search, selection)
+        if better is not selection:
+            self.dictionary = self.dictionary.rescaled(scales)
+            self._renew()
+            self.rescale(better)
+        return better
+
+
+def blind_rows(dictionary: Dictionary, selection: Selection) -> dict[str, BoolArray]:
+    """Rows (rows of the channel,) that the selected effects leave out, by channel."""
+    states = dictionary.equations.states
+    found: dict[str, BoolArray] = {}
+    for group in selection:
+        if group.effect is None:
+            continue
+        for name, rows in group.effect.blind(states, group.shape).items():
+            if name in dictionary.rows:
+                channel = dictionary.rows[name].channel
+                wide = channel.blurred(rows)
+                found[name] = wide | found[name] if name in found else wide
+    return found
