@@ -37,7 +37,7 @@ def _number(value: Any) -> float:
 
 
 def ladder_figure(rungs: Sequence[Rung], unit: str, stopped_because: str = "", height: int = 380) -> Figure:
-    """Held-out error of each rung with its share of the first in percent; training error as a thin mark; noise floor."""
+    """Held-out error of each rung and its percentage of the first; training error as a thin mark; noise floor."""
     factor, shown = shown_unit(unit)
     names = [_broken(rung.effect) for rung in rungs]
     held_out = [factor * rung.error_held_out for rung in rungs]

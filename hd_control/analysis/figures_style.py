@@ -86,7 +86,7 @@ def layout(title: str, height: int, **more: Any) -> dict[str, Any]:
     }
 
 
-def note(text: str, x: float, y: float, **more: Any) -> dict[str, Any]:
+def note(text: str, x: float | str, y: float | str, **more: Any) -> dict[str, Any]:
     """A small text inside the picture, in its own coordinates unless told otherwise."""
     own = {"showarrow": False, "font": {"size": 11, "color": MEASURED}, "align": "left"}
     return {"text": text, "x": x, "y": y, **own, **more}

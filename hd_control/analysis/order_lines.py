@@ -125,14 +125,14 @@ def names_of(order: float, resolution: float, gear_ratio: float | None) -> tuple
     return tuple(name for _, name in sorted(near))
 
 
-def describe(line: OrderLine, spectrum: OrderSpectrum, unit: str) -> str:
-    """A line in one sentence."""
+def describe(line: OrderLine, spectrum: OrderSpectrum, unit: str, factor: float = 1.0) -> str:
+    """A line in one sentence; `unit` is that of the amplitude times `factor`."""
     where = f"{line.order:.4g} per {spectrum.turn}"
     if spectrum.gear_ratio is not None:
         joint = line.order * spectrum.gear_ratio
         where += f" ({joint:.4g} +- {0.5 * line.resolution * spectrum.gear_ratio:.2g} per joint turn)"
     both = {(BACKWARD, FORWARD): "in both directions", (FORWARD,): "forward only", (BACKWARD,): "backward only"}
-    text = f"{where}: {line.amplitude:.3g} {unit}, {line.ratio:.0f} times the floor, {both[line.directions]}"
+    text = f"{where}: {factor * line.amplitude:.3g} {unit}, {line.ratio:.0f} times the floor, {both[line.directions]}"
     why = {
         ANGLE: "stays at its order while the speed changes",
         HERTZ: "stays at its frequency in hertz: a resonance or disturbance, not bound to the angle",

@@ -1,0 +1,110 @@
+"""Pictures of pages by an installed browser without a window: for `--png` and for looking at what was drawn."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+from hd_control.core.errors import HdError
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+TIMEOUT_S = 120.0
+BUDGET_MS = 20_000
+"""Virtual time of a page: its timers run through at once, however slow the machine is."""
+
+
+def find_browser() -> str | None:
+    """Path of a browser of the Chromium family: $HD_BROWSER, else the first of `NAMES`; None if there is none."""
+    named = os.environ.get("HD_BROWSER")
+    if named:
+        return shutil.which(named)
+    return next((path for name in NAMES if (path := shutil.which(name))), None)
+
+
+def browser() -> str:
+    """As `find_browser`. Raises HdError with the remedy if there is none."""
+    found = find_browser()
+    if found is None:
+        raise HdError(
+            "no browser for pictures; install chromium, or name one in HD_BROWSER; the page itself needs none"
+        )
+    return found
+
+
+@dataclass(frozen=True)
+class Look:
+    """A page after its scripts: its text, what it wrote to the console, addresses that it asked for."""
+
+    html: str
+    console: tuple[str, ...]
+    requests: tuple[str, ...]
+
+
+def screenshot(page: Path, picture: Path, width: int = 1200, height: int = 900, everything: bool = True) -> Path:
+    """A PNG of a page, `everything` of it drawn. Raises HdError without a browser or picture."""
+    address = page.resolve().as_uri() + ("#all" if everything else "")
+    options = [f"--window-size={width},{height}", f"--screenshot={picture.resolve()}"]
+    _run(address, *options)
+    if not picture.is_file() or picture.stat().st_size == 0:
+        raise HdError(f"{picture}: the browser drew no picture")
+    return picture
+
+
+def look(page: Path, width: int = 1200, height: int = 900, everything: bool = True) -> Look:
+    """Opens a page and reports what happened. Raises HdError without a browser."""
+    import json
+
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "net.json"
+        address = page.resolve().as_uri() + ("#all" if everything else "")
+        options = [f"--window-size={width},{height}", "--dump-dom", "--enable-logging=stderr", f"--log-net-log={log}"]
+        done = _run(address, *options)
+        console = re.findall(r"CONSOLE[^\]]*\] (.*)", done.stderr)
+        events = json.loads(log.read_text()).get("events", []) if log.is_file() else []
+    asked = {str(event["params"]["url"]) for event in events if "url" in event.get("params", {})}
+    asked -= {address, page.resolve().as_uri()}
+    local = ("data:", "blob:", "chrome:", "chrome-extension:", "about:")
+    return Look(done.stdout, tuple(console), tuple(sorted(url for url in asked if not url.startswith(local))))
+
+
+def figure_png(figure_page: str, picture: Path, width: int, height: int) -> Path:
+    """A PNG of a whole page given as text."""
+    with tempfile.TemporaryDirectory() as folder:
+        page = Path(folder) / "figure.html"
+        page.write_text(figure_page, encoding="utf-8")
+        return screenshot(page, picture, width, height)
+
+
+def single_page(script: str, figure_json: str, title: str) -> str:
+    """A bare page with one figure, drawn at once."""
+    return (
+        f'<!DOCTYPE html><html><head><meta charset="utf-8"><title>{escape(title)}</title>'
+        "<style>html,body{margin:0;background:white}</style></head><body>"
+        f'<div id="figure"></div><script>{script}</script>'
+        f'<script>const f={figure_json};Plotly.newPlot("figure",f.data,f.layout,{{staticPlot:true}});</script>'
+        "</body></html>"
+    )
+
+
+def _run(address: str, *options: str) -> subprocess.CompletedProcess[str]:
+    """One run of the browser with a profile of its own and no connection of its own accord."""
+    with tempfile.TemporaryDirectory() as profile:
+        command = [browser(), "--headless=new", "--disable-gpu", "--hide-scrollbars", "--no-first-run"]
+        command += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
+        command += ["--disable-dev-shm-usage", "--force-device-scale-factor=1", f"--user-data-dir={profile}"]
+        command += ["--disable-features=OptimizationHints,MediaRouter,Translate", "--disable-default-apps"]
+        command += [f"--virtual-time-budget={BUDGET_MS}", *options, address]
+        if hasattr(os, "geteuid") and os.geteuid() == 0:
+            command.insert(1, "--no-sandbox")  # the sandbox refuses to run as root
+        try:
+            return subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, errors="replace")
+        except subprocess.TimeoutExpired:
+            raise HdError(f"the browser did not finish {address} within {TIMEOUT_S:g} s") from None
+        except OSError as error:
+            raise HdError(f"{command[0]}: cannot be started ({error.strerror})") from None
