@@ -7,9 +7,10 @@ import re
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
+from typing import Any
 
 from hd_control.core.errors import HdError
 
@@ -67,29 +68,15 @@ def look(page: Path, width: int = 1200, height: int = 900, everything: bool = Tr
         done = _run(address, *options)
         console = re.findall(r"CONSOLE[^\]]*\] (.*)", done.stderr)
         events = json.loads(log.read_text()).get("events", []) if log.is_file() else []
-    asked = {str(event["params"]["url"]) for event in events if "url" in event.get("params", {})}
+    asked = {str(event["params"]["url"]) for event in events if _by_page(event.get("params", {}))}
     asked -= {address, page.resolve().as_uri()}
     local = ("data:", "blob:", "chrome:", "chrome-extension:", "about:")
     return Look(done.stdout, tuple(console), tuple(sorted(url for url in asked if not url.startswith(local))))
 
 
-def figure_png(figure_page: str, picture: Path, width: int, height: int) -> Path:
-    """A PNG of a whole page given as text."""
-    with tempfile.TemporaryDirectory() as folder:
-        page = Path(folder) / "figure.html"
-        page.write_text(figure_page, encoding="utf-8")
-        return screenshot(page, picture, width, height)
-
-
-def single_page(script: str, figure_json: str, title: str) -> str:
-    """A bare page with one figure, drawn at once."""
-    return (
-        f'<!DOCTYPE html><html><head><meta charset="utf-8"><title>{escape(title)}</title>'
-        "<style>html,body{margin:0;background:white}</style></head><body>"
-        f'<div id="figure"></div><script>{script}</script>'
-        f'<script>const f={figure_json};Plotly.newPlot("figure",f.data,f.layout,{{staticPlot:true}});</script>'
-        "</body></html>"
-    )
+def _by_page(event: Mapping[str, Any]) -> bool:
+    """Was an address asked for by the page, and not by the browser for itself?"""
+    return "url" in event and event.get("initiator", "not an origin") != "not an origin"
 
 
 def _run(address: str, *options: str) -> subprocess.CompletedProcess[str]:

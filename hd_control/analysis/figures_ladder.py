@@ -87,21 +87,21 @@ def confidence_figure(bars: Sequence[Bar], height: int = 0) -> Figure:
     words = [f"{value:.0f} %" if known else "" for value, known in zip(values, plain, strict=True)]
     trace = {
         "type": "bar", "orientation": "h", "x": values, "y": names, "text": words, "textposition": "inside",
-        "insidetextanchor": "start", "width": 0.5, "hovertemplate": "%{y}: %{x:.0f} %<extra></extra>",
+        "insidetextanchor": "start", "width": 0.36, "hovertemplate": "%{y}: %{x:.0f} %<extra></extra>",
         "marker": {
             "color": [BAR if known else "#dfe3e9" for known in plain],
             "pattern": {"shape": ["" if known else "/" for known in plain], "fgcolor": FLOOR, "size": 6},
         },
     }  # fmt: skip
     notes = [
-        note(bar.note, 0.0, name, xanchor="left", yshift=-22, xref="x", yref="y")
+        note(bar.note.replace(", ", ",<br>"), 0.0, name, xanchor="left", yanchor="top", yshift=-15)
         for bar, name in zip(bars, names, strict=True)
         if bar.note
     ]
-    result = layout("How sure is each answer", height or 96 + 58 * max(1, len(bars)), annotations=notes)
+    result = layout("How sure is each answer", height or 96 + 76 * max(1, len(bars)), annotations=notes)
     result["margin"] = {"l": 10, "r": 14, "t": 44, "b": 40}
-    result["xaxis"] = axis("probability that the name is right, %", range=[0.0, 100.0])
-    result["yaxis"] = axis("", type="category", autorange="reversed", range=[-0.5, len(bars) - 0.3])
+    result["xaxis"] = axis("probability, %", range=[0.0, 100.0])
+    result["yaxis"] = axis("", type="category", autorange=False, range=[len(bars) - 0.25, -0.35])
     result["showlegend"] = False
     return {"data": [trace], "layout": result}
 

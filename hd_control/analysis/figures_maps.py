@@ -60,32 +60,41 @@ def map_figure(maps: Mapping[str, ConditionMap], unit: str, height: int = 330) -
     return {"data": traces, "layout": result}
 
 
-def _edges(item: ConditionMap) -> FloatArray:
-    """Edges in the unit of the axis; a lowest edge of 0 on a logarithmic axis gives way to half of the next."""
-    factor, _ = SHOWN.get(item.variable, (1.0, ""))
-    edges = factor * item.edges
-    if _logarithmic(item.variable) and edges[0] <= 0.0:
-        edges = np.concatenate([[0.5 * edges[1]], edges[1:]])
-    return np.asarray(edges)
-
-
 def _logarithmic(variable: str) -> bool:
     return variable in SPEEDS or variable.startswith("reversal")
 
 
+def _edges(item: ConditionMap) -> FloatArray:
+    """Edges on the axis: in its unit, or the logarithm of that; a lowest edge of 0 then gives way to half the next."""
+    factor, _ = SHOWN.get(item.variable, (1.0, ""))
+    return _log_edges(factor * item.edges) if _logarithmic(item.variable) else factor * item.edges
+
+
+def _log_edges(edges: FloatArray) -> FloatArray:
+    low = edges[0] if edges[0] > 0.0 else 0.5 * edges[1]
+    return np.asarray(np.log10(np.concatenate([[low], edges[1:]])))
+
+
 def _centres(item: ConditionMap) -> FloatArray:
     edges = _edges(item)
-    if _logarithmic(item.variable):
-        return np.asarray(np.sqrt(edges[1:] * edges[:-1]))
     return np.asarray(0.5 * (edges[1:] + edges[:-1]))
+
+
+def _log_ticks(low: float, high: float) -> dict[str, Any]:
+    """Ticks 1, 2, 5 of every decade (1 alone over more than two) on an axis of logarithms."""
+    steps = (1.0, 2.0, 5.0) if high - low < 2.0 else (1.0,)
+    values = [step * 10.0**p for p in range(int(np.floor(low)), int(np.ceil(high)) + 1) for step in steps]
+    return {"tickvals": np.log10(values).tolist(), "ticktext": [f"{value:g}" for value in values]}
 
 
 def _variable_axis(item: ConditionMap, **more: Any) -> dict[str, Any]:
     _, unit = SHOWN.get(item.variable, (1.0, item.unit))
     if item.variable == "direction":
         return axis("direction", tickvals=list(DIRECTIONS), ticktext=list(WORDS.values()), **more)
-    kind = "log" if _logarithmic(item.variable) else "linear"
-    return axis(f"{NAMES[item.variable]}, {unit}", type=kind, **more)
+    edges = _edges(item)
+    if _logarithmic(item.variable):
+        more.update(_log_ticks(float(edges[0]), float(edges[-1])))
+    return axis(f"{NAMES[item.variable]}, {unit}", range=[float(edges[0]), float(edges[-1])], **more)
 
 
 def _curve(item: ConditionMap, k: int, factor: float, name: str, colour: str, dash: str) -> list[dict[str, Any]]:
@@ -108,10 +117,9 @@ def _curve(item: ConditionMap, k: int, factor: float, name: str, colour: str, da
 
 
 def _shares(item: ConditionMap, k: int, name: str, colour: str) -> dict[str, Any]:
-    edges = np.log10(_edges(item)) if _logarithmic(item.variable) else _edges(item)
     return {
         "type": "bar", "x": packed(_centres(item)), "y": packed(100.0 * item.bins.share[k]), "yaxis": "y2",
-        "name": name, "width": packed(np.diff(edges)), "marker": {"color": colour, "opacity": 0.55},
+        "name": name, "width": packed(np.diff(_edges(item))), "marker": {"color": colour, "opacity": 0.55},
         "showlegend": False, "hovertemplate": "%{y:.1f} %",
     }  # fmt: skip
 
@@ -119,10 +127,7 @@ def _shares(item: ConditionMap, k: int, name: str, colour: str) -> dict[str, Any
 def heat_figure(item: SpeedLoadMap, unit: str, model: str = "", height: int = 330) -> Figure:
     """RMS residual over speed and joint torque, backward and forward side by side; crosses: few independent samples."""
     factor, shown = shown_unit(unit)
-    speeds = item.speed_edges.copy()
-    if speeds[0] <= 0.0:
-        speeds[0] = 0.5 * speeds[1]
-    x, y = np.log10(speeds), item.load_edges
+    x, y = _log_edges(item.speed_edges), item.load_edges
     top = factor * float(np.nanmax(item.bins.rms, initial=0.0, where=np.isfinite(item.bins.rms)))
     traces: list[dict[str, Any]] = []
     for place, k in (("", 0), ("2", 2)):
@@ -137,13 +142,13 @@ def heat_figure(item: SpeedLoadMap, unit: str, model: str = "", height: int = 33
         })  # fmt: skip
         few = np.argwhere(item.bins.few[k])
         xs, ys = (0.5 * (edges[1:] + edges[:-1]) for edges in (x, y))
-        cross = {"symbol": "x-thin", "size": 7, "line": {"width": 1.0, "color": "#ffffff"}}
+        cross = {"symbol": "x-thin", "size": 5, "opacity": 0.7, "line": {"width": 1.0, "color": "#ffffff"}}
         traces.append({"type": "scatter", "mode": "markers", "x": packed(xs[few[:, 0]]), "y": packed(ys[few[:, 1]]),
                        "marker": cross, "xaxis": f"x{place}", "yaxis": f"y{place}", "hoverinfo": "skip",
                        "showlegend": False})  # fmt: skip
     title = "RMS error over speed and load" + (f", {model}" if model else "")
     result = layout(title, height)
-    ticks = {"tickvals": list(range(-5, 3)), "ticktext": [f"{10.0**p:g}" for p in range(-5, 3)], "showgrid": False}
+    ticks = {**_log_ticks(float(x[0]), float(x[-1])), "showgrid": False}
     result["xaxis"] = axis("backward, rad/s", domain=[0.0, 0.47], **ticks)
     result["xaxis2"] = axis("forward, rad/s", domain=[0.53, 1.0], **ticks)
     result["yaxis"] = axis("joint torque, N m", showgrid=False)

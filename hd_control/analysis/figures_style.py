@@ -74,12 +74,21 @@ def layout(title: str, height: int, **more: Any) -> dict[str, Any]:
     """Layout of the house style: title above, legend below the title, no wasted margin."""
     left = {"x": 0.0, "xanchor": "left"}
     return {
-        "title": {"text": title, "xref": "container", "font": {"size": 14}, "pad": {"l": 8}, **left},
+        "title": {
+            "text": title,
+            "xref": "container",
+            "font": {"size": 14},
+            "pad": {"l": 8, "t": 10},
+            **left,
+            "yref": "container",
+            "y": 1.0,
+            "yanchor": "top",
+        },
         "font": {"family": FONT, "size": 12, "color": INK},
         "paper_bgcolor": "white",
         "plot_bgcolor": "white",
         "height": height,
-        "margin": {"l": 56, "r": 14, "t": 64, "b": 44},
+        "margin": {"l": 56, "r": 14, "t": 68, "b": 44},
         "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "font": {"size": 11}, **left},
         "hoverlabel": {"font": {"family": FONT}},
         **more,

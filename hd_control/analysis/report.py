@@ -7,7 +7,7 @@ import tempfile
 from html import escape
 from pathlib import Path
 
-from hd_control.analysis.condition_maps import UNITS, ChannelMaps
+from hd_control.analysis.condition_maps import LEAST_EFFECTIVE, UNITS, ChannelMaps
 from hd_control.analysis.figures_ladder import confidence_figure, horizon_figure, ladder_figure
 from hd_control.analysis.figures_maps import heat_figure, map_figure
 from hd_control.analysis.figures_orders import order_figure
@@ -23,6 +23,9 @@ from hd_control.core.errors import HdError
 
 SHOWN_MAPS = 4
 """Condition maps that are open; the rest is folded."""
+CROSSES = (
+    f"A cross marks fewer than {LEAST_EFFECTIVE:g} independent samples; where nothing was recorded, nothing is drawn."
+)
 
 
 def write_report(path: str | Path, page: ReportPage, force: bool = False) -> Path:
@@ -97,10 +100,8 @@ def _verdict(joint: JointPage) -> str:
 
 def _joint(joint: JointPage, place: int, figures: Figures) -> str:
     pieces = [f"<h2>{escape(joint.joint)}</h2>", _answer(joint, figures)]
-    if joint.ladder is not None and joint.ladder.rungs:
-        pieces.append(
-            card(figures.place(ladder_figure(joint.ladder.rungs, joint.ladder.unit, joint.ladder.stopped_because)))
-        )
+    ladders = (figures.place(ladder_figure(x.rungs, x.unit, x.stopped_because)) for x in joint.ladders if x.rungs)
+    pieces.append(card(grid(ladders, "wide")))
     pieces += [_channel(channel, figures) for channel in joint.channels]
     if joint.horizons:
         curves = (figures.place(horizon_figure(c, title)) for title, c in joint.horizons.items())
@@ -149,6 +150,7 @@ def _channel(channel: ChannelPage, figures: Figures) -> str:
         figures.place(overlay_figure(channel.models)),
         grid(zooms),
         "<h4>Where the error is</h4>",
+        paragraph(CROSSES, "small"),
         grid([*heats, *curves], "wide"),
         folded("More conditions", grid(more, "wide")),
         "<h4>Cycles per turn</h4>",

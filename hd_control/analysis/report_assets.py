@@ -26,14 +26,16 @@ nav > div { max-width: 1180px; margin: 0 auto; padding: 8px 20px; display: flex;
 nav a { color: var(--ink); text-decoration: none; font-size: .88rem; padding: 3px 10px; border-radius: 999px;
   border: 1px solid var(--line); background: var(--paper); }
 nav a:hover { border-color: var(--accent); }
-.dot { display: inline-block; width: .62em; height: .62em; border-radius: 50%; margin-right: .4em; background: #8a93a3; }
+.dot { display: inline-block; width: .62em; height: .62em; border-radius: 50%; margin-right: .4em;
+  background: #8a93a3; }
 .adequate .dot { background: #2e8b57; } .missing .dot, .missing_and_unknown .dot { background: #1b6ca8; }
 .unknown .dot { background: #e08e0b; }
 .cannot_tell .dot { background: #8a93a3; }
 section.joint { margin: 26px 0 40px; }
 .card { background: var(--paper); border: 1px solid var(--line); border-radius: 10px; padding: 18px 20px;
   margin: 14px 0; }
-.verdict { border-left: 5px solid #8a93a3; } .verdict.adequate { border-left-color: #2e8b57; }
+.verdict { border-left: 5px solid #8a93a3; }
+.verdict.adequate { border-left-color: #2e8b57; }
 .verdict.missing, .verdict.missing_and_unknown { border-left-color: #1b6ca8; }
 .verdict.unknown { border-left-color: #e08e0b; }
 .verdict .say { font-size: 1.12rem; font-weight: 600; margin: .2rem 0 .5rem; }
@@ -41,6 +43,7 @@ section.joint { margin: 26px 0 40px; }
 .grid { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 330px), 1fr)); gap: 14px; }
 .grid.wide { grid-template-columns: repeat(auto-fit, minmax(min(100%, 430px), 1fr)); }
 .figure { min-width: 0; width: 100%; }
+.figure .modebar { opacity: 0 !important; } .figure:hover .modebar { opacity: .9 !important; }
 table { border-collapse: collapse; width: 100%; font-size: .9rem; }
 .scroll { overflow-x: auto; } th { text-align: left; color: var(--soft); font-weight: 600; }
 th, td { padding: 5px 12px 5px 0; border-bottom: 1px solid var(--line); vertical-align: top; }
@@ -64,7 +67,8 @@ SCRIPT = """
     place.dataset.state = "drawing";
     const figure = JSON.parse(document.getElementById(place.dataset.figure).textContent);
     if (coarse) figure.layout.dragmode = false;
-    Plotly.newPlot(place, figure.data, figure.layout, { responsive: true, displaylogo: false })
+    const bar = coarse ? false : "hover";
+    Plotly.newPlot(place, figure.data, figure.layout, { responsive: true, displaylogo: false, displayModeBar: bar })
       .then(() => { place.dataset.state = "drawn"; root.dataset.drawn = String(Number(root.dataset.drawn) + 1); });
   };
   const places = document.querySelectorAll(".figure");

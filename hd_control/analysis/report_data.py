@@ -50,7 +50,7 @@ class ParameterRow:
 
 @dataclass(frozen=True)
 class Ladder:
-    """The rungs of one joint in the unit of `channel`, and why it ended."""
+    """The rungs of one joint in one unit, and why it ended."""
 
     rungs: tuple[Rung, ...]
     unit: str
@@ -65,12 +65,13 @@ class Ladder:
 
 @dataclass(frozen=True)
 class JointPage:
-    """Everything on one joint. `horizons`: title -> curves of one picture. `notes`: what was repaired or left out."""
+    """Everything on one joint. `ladders`: one, or one for each channel. `horizons`: title -> curves of one picture.
+    `notes`: what was repaired or left out."""
 
     joint: str
     channels: tuple[ChannelPage, ...] = ()
     diagnosis: JointDiagnosis | None = None
-    ladder: Ladder | None = None
+    ladders: tuple[Ladder, ...] = ()
     parameters: tuple[ParameterRow, ...] = ()
     horizons: Mapping[str, tuple[HorizonCurve, ...]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
@@ -92,7 +93,7 @@ def joint_page(
     joint: str,
     comparisons: Mapping[str, JointComparison],
     diagnosis: JointDiagnosis | None = None,
-    ladder: Ladder | None = None,
+    ladders: Sequence[Ladder] = (),
     parameters: Sequence[ParameterRow] | None = None,
     horizons: Mapping[str, tuple[HorizonCurve, ...]] | None = None,
     notes: Sequence[str] = (),
@@ -100,7 +101,7 @@ def joint_page(
     """The page of one joint. comparisons: model name -> comparison on the same recording; parameters: those of the
     diagnosis if not given."""
     rows = parameter_rows(diagnosis) if parameters is None and diagnosis is not None else tuple(parameters or ())
-    return JointPage(joint, channel_pages(comparisons), diagnosis, ladder, rows, horizons or {}, tuple(notes))
+    return JointPage(joint, channel_pages(comparisons), diagnosis, tuple(ladders), rows, horizons or {}, tuple(notes))
 
 
 def channel_pages(comparisons: Mapping[str, JointComparison]) -> tuple[ChannelPage, ...]:

@@ -19,14 +19,18 @@ class Figures:
     def place(self, figure: Figure) -> str:
         """The place of a figure; it keeps its height before the figure is drawn, so that nothing jumps."""
         name = f"figure-{len(self._data) + 1}"
-        text = json.dumps(_plain(figure), separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
-        self._data.append(f'<script type="application/json" id="{name}">{text}</script>')
+        self._data.append(f'<script type="application/json" id="{name}">{json_text(figure)}</script>')
         return f'<div class="figure" data-figure="{name}" style="height:{int(figure["layout"]["height"])}px"></div>'
 
     @property
     def data(self) -> str:
         """All figures' data as elements of the page."""
         return "\n".join(self._data)
+
+
+def json_text(value: Any) -> str:
+    """JSON that may stand inside a script element."""
+    return json.dumps(_plain(value), separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
 
 
 def _plain(value: Any) -> Any:
