@@ -21,7 +21,6 @@ RIDGE_LIBRARY = 1e-9
 RIDGE_CURVE = 3e-3
 """On columns of unit norm. Knots that a training fold never visits otherwise ruin the held-out score."""
 RIDGE_NOISE = 1e-7
-LARGEST_NOISE_RATIO = 2.0
 SHARED = ""
 """In place of the channel in the name of a base coefficient that several channels share."""
 
@@ -122,6 +121,16 @@ class Dictionary:
             for name, part in self.rows.items()
         }
         return _normed(replace(self, rows=rows))
+
+    def with_base(self, equations: JointEquations, channel: str) -> Dictionary:
+        """The same with the base columns that `equations` has for one channel, whose scale is 1."""
+        part = replace(self.rows[channel], channel=equations.channels[channel])
+        rows = {n: replace(p, columns=p.columns * self.norm[p.index]) for n, p in (self.rows | {channel: part}).items()}
+        white = part.noise.whiten(part.channel.base_matrix)[part.usable]
+        own = base_of(part.channel, self.base_names)
+        place = [int(np.flatnonzero(part.index == i)[0]) for i in own]
+        rows[channel].columns[:, place] = white
+        return _normed(replace(self, rows=rows, equations=equations))
 
     def without_rows(self, blind: Mapping[str, BoolArray]) -> Dictionary:
         """The same without some rows of channels; `blind` (rows of the channel,) by channel."""
@@ -254,26 +263,25 @@ def _normed(raw: Dictionary) -> Dictionary:
 def _noise(channel: Channel, raw: FloatArray) -> Noise:
     """Noise from the residual of everything at once: what no column explains.
 
-    A rich fit leaves too little in its own rows and too much in rows that it has not seen, by the same factor to first
-    order; the noise is taken between the two.
+    A rich fit leaves too little in its own rows and too much in rows that it has not seen, both by the same factor to
+    first order and most at low frequencies, where the columns live; the noise is their geometric mean, row by row.
     """
-    x, y = raw[channel.fitted], channel.left[channel.fitted]
-    scale = np.sqrt((x**2).sum(axis=0))
+    scale = np.sqrt((raw[channel.fitted] ** 2).sum(axis=0))
     scale[scale == 0.0] = 1.0
-    x = x / scale
-    _, fold = Blocks().of(channel.time[channel.fitted])
-    grams = [x[fold == f].T @ x[fold == f] for f in range(-1, Blocks().folds)]
-    rights = [x[fold == f].T @ y[fold == f] for f in range(-1, Blocks().folds)]
-    ridge = RIDGE_NOISE * np.eye(scale.size)
-    gram, right = sum(grams) + ridge, sum(rights)
-    unseen = np.zeros(y.size)
-    for f in range(Blocks().folds):
-        unseen[fold == f] = y[fold == f] - x[fold == f] @ np.linalg.solve(gram - grams[f + 1], right - rights[f + 1])
+    x, y, use = raw / scale, channel.left, channel.fitted
+    _, fold = Blocks().of(channel.time)
+    parts = [use & (fold == f) for f in range(-1, Blocks().folds)]
+    grams = [x[part].T @ x[part] for part in parts]
+    rights = [x[part].T @ y[part] for part in parts]
+    gram, right = sum(grams) + RIDGE_NOISE * np.eye(scale.size), sum(rights)
     seen = y - x @ np.linalg.solve(gram, right)
-    inside = fold >= 0
-    ratio = np.median(np.abs(unseen[inside])) / max(float(np.median(np.abs(seen[inside]))), 1e-300)
-    residual = channel.left - raw @ (np.linalg.solve(gram, right) / scale)
-    return fit_noise(residual, channel.valid).divided(1.0 / np.sqrt(np.clip(ratio, 1.0, LARGEST_NOISE_RATIO)))
+    unseen = seen.copy()
+    for f in range(Blocks().folds):
+        rows = fold == f
+        unseen[rows] = y[rows] - x[rows] @ np.linalg.solve(gram - grams[f + 1], right - rights[f + 1])
+    residual = np.sign(seen) * np.sqrt(np.abs(seen * unseen))
+    noise = fit_noise(residual, channel.valid)
+    return noise.scaled_on(residual, noise.usable(channel.valid) & use)
 
 
 def _rows(channel: Channel, noise: Noise, raw: FloatArray, index: IntArray) -> Rows:

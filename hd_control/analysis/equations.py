@@ -15,7 +15,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hd_control.analysis.bands import Band, FloatArray, Spectral, band_for
 from hd_control.analysis.channels import Base, Channel, JointEquations, Known, LinkFunction, LinkTerms
@@ -29,12 +28,11 @@ from hd_control.analysis.joint_states import (
     quantum,
 )
 from hd_control.analysis.signals import JointSignals
+from hd_control.analysis.torsion import LONGEST_DAMPING, SIGNAL_DELAY_PRIOR, compliance_of, torsion_base, with_spring
 from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, DriveStates
 
 BANDS = {TRANSMISSION: (80.0, 122.0), LINK: (30.0, 40.0)}
 """Hz, flat and zero."""
-SPRING_BAND = (60.0, 95.0)
-"""Of the torque that drives hysteresis and other torsion laws: wide, for its reversals must not be late."""
 MOTOR_BANDS = ((38.0, 60.0), (30.0, 48.5), (25.0, 40.5), (20.0, 32.5), (15.0, 24.3))
 """Hz. The first in which the acceleration stands out of its noise: encoder noise returns through the controller into u,
 so that a noisy band shows delays that are not there."""
@@ -46,15 +44,11 @@ ACCELERATION_SNR = 10.0
 """Power ratio of acceleration to its noise from which on the acceleration may stand alone on the left."""
 
 COMMAND_DELAY_PRIOR = 3e-5
-SIGNAL_DELAY_PRIOR = 5e-4
-"""s, standard deviation of delays between recorded signals that nobody declared; carried along, never a claim. The
-delay of the gauge is one number in the rotor and the link balance."""
 TONE_ORDERS = (1, 2)
 MOST_NOISY = 0.6
 """Share of the rows of the rotor balance that may be left out because of the encoder's counts."""
 
 DAMPING_ROUNDS = 3
-LONGEST_DAMPING = 0.02
 
 
 def build_equations(signals: JointSignals, known: Known, link: LinkFunction | None) -> JointEquations:
@@ -77,7 +71,7 @@ def build_equations(signals: JointSignals, known: Known, link: LinkFunction | No
         for name, channel in ((MOTOR, builder.motor()), (TRANSMISSION, builder.transmission()), (LINK, builder.link()))
         if channel is not None
     }
-    states = builder.with_spring(states, channels.get(TRANSMISSION))
+    states = with_spring(states, spectral, channels.get(TRANSMISSION))
     return JointEquations(
         signals.joint, states, derived, spectral, channels, known.rotor_inertia, 1.0, builder.substituted
     )
@@ -142,14 +136,15 @@ class _Builder:
             friction.append(Base("torque_delay", -sp.filter(filled["gauge_torque"], band, 1), SIGNAL_DELAY_PRIOR, True))
         prior = self.known.rotor_inertia_prior
         channel = self._channel(MOTOR, band, valid, left, drive, friction, prior, snr)
-        return replace(channel, noisy=self._noisy(band, valid))
+        return replace(channel, noisy=self._noisy(band, valid, TONE_ORDERS))
 
-    def _noisy(self, band: Band, valid: BoolArray) -> BoolArray:
-        """Rows at which the encoder's counts are a tone in the band: it comes back through the controller."""
+    def _noisy(self, band: Band, valid: BoolArray, orders: tuple[int, ...]) -> BoolArray:
+        """Rows at which the encoder's counts are a tone in the band, which also comes back through the controller."""
         velocity = self.derived.motor_velocity[:: band.step]
         count = quantum(self.derived.filled["motor_position"])
-        noisy = count_tone(velocity, count, self.signals.period, band.zero, TONE_ORDERS)
-        return noisy if noisy[valid].mean() <= MOST_NOISY else np.zeros_like(noisy)
+        noisy = count_tone(velocity, count, self.signals.period, band.zero, orders)
+        few = not valid.any() or noisy[valid].mean() <= MOST_NOISY
+        return noisy if few else np.zeros_like(noisy)
 
     def link(self) -> Channel | None:
         """Balance of the link side against the gauge."""
@@ -177,49 +172,16 @@ class _Builder:
         left = sp.filter(filled["joint_position"] - filled["motor_position"], band)
         valid = self._valid(band, self.derived.usable)
         damping = self.known.damping_time
+        time = s.time[:: band.step]
         for _ in range(DAMPING_ROUNDS):
-            base = self._torsion_base(band, damping)
-            if not valid.any():
-                break
-            columns = np.stack([b.column[valid] for b in base], axis=1)
-            scale = np.sqrt((columns**2).mean(axis=0)) + 1e-300
-            solution = np.linalg.lstsq(columns / scale, left[valid], rcond=None)[0] / scale
-            if not solution[0] > 0.0:
-                break
-            damping = float(np.clip(damping + solution[1] / solution[0], 0.0, LONGEST_DAMPING))
-        base = self._torsion_base(band, damping)
-        return Channel(TRANSMISSION, band, sp, s.time[:: band.step], valid, left, base, None, np.inf, damping)
-
-    def with_spring(self, states: DriveStates, channel: Channel | None) -> DriveStates:
-        """The states with the torque that the spring carries without the damper, and the compliance as measured."""
-        if channel is None or not channel.valid.any():
-            return states
-        sp, lag = self.spectral, self._lag(channel.damping_time)
-        band = band_for(self.signals.period, *SPRING_BAND)
-        columns = channel.base_matrix[channel.valid]
-        scale = np.sqrt((columns**2).mean(axis=0)) + 1e-300
-        compliance = float(np.linalg.lstsq(columns / scale, channel.left[channel.valid], rcond=None)[0][0] / scale[0])
-        spring = sp.filter(states.gauge_torque, Band(band.flat, band.zero), 0, lag)
-        return replace(states, spring_torque=spring, torsional_compliance=max(compliance, 0.0))
-
-    def _lag(self, damping: float) -> NDArray[np.complex128]:
-        """Spring over whole torque: 1 / (1 + d s)."""
-        return np.asarray(1.0 / (1.0 + 2j * np.pi * self.spectral.frequency * damping), dtype=np.complex128)
-
-    def _torsion_base(self, band: Band, damping: float) -> tuple[Base, ...]:
-        """Torsion of spring and damper in parallel: tau_s / (k (1 + d s)), its change with d, zero, and nuisances."""
-        sp, lag = self.spectral, self._lag(damping)
-        torque = sp.transform(self.states.gauge_torque)
-        raw = sp.back(*torque, band, 0, lag)[:, 0]
-        slope = sp.back(*torque, band, 1, np.asarray(lag * lag, dtype=np.complex128))[:, 0]
-        return (
-            Base("torsional_compliance", -raw),
-            Base("torsional_damping", slope),
-            Base("transmission_zero", np.ones(raw.size)),
-            # Noise of the gauge biases the coefficient of the fast part towards zero; the slow part keeps its own.
-            Base("fast_torque", raw - sp.filter(self.states.joint_torque, band, 0, lag)),
-            Base("joint_delay", sp.filter(self.derived.filled["joint_position"], band, 1), SIGNAL_DELAY_PRIOR),
-        )
+            base = torsion_base(sp, self.states, filled["joint_position"], band, damping)
+            channel = Channel(TRANSMISSION, band, sp, time, valid, left, base, None, np.inf, damping)
+            compliance, change = compliance_of(channel)
+            damping = float(np.clip(damping + change, 0.0, LONGEST_DAMPING))
+        states = replace(self.states, torsional_compliance=compliance)
+        base = torsion_base(sp, states, filled["joint_position"], band, damping)
+        noisy = self._noisy(band, valid, TONE_ORDERS[:1])
+        return Channel(TRANSMISSION, band, sp, time, valid, left, base, None, np.inf, damping, noisy)
 
     def _channel(
         self,

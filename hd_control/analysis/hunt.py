@@ -22,6 +22,7 @@ from hd_control.analysis.merge import merged
 from hd_control.analysis.refine import refine
 from hd_control.analysis.scores import Scores
 from hd_control.analysis.search import Search, Selection, Thresholds
+from hd_control.analysis.torsion import LONGEST_DAMPING, with_damping
 from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, Context, Effect, Shape
 
 ROUNDS = 2
@@ -29,7 +30,10 @@ SECOND_STAGE = ("presliding",)
 """Effects that live in the rows that the first search leaves out."""
 SCALE_TOLERANCE = 2e-3
 LOUDER = 1.05
+HIDDEN = 10.0
+"""Noise power that a rich fit can hide, per column over row."""
 STIFFER = 2e-4
+DAMPING_TOLERANCE = 3e-5
 
 
 @dataclass(frozen=True)
@@ -117,7 +121,10 @@ class _Chase:
         """A fit with very many columns leaves too little: takes the noise from what the selection leaves, if larger."""
         left = self.fit(selection).residuals()
         found = {name: 1.4826 * float(np.median(np.abs(r))) for name, r in left.items() if r.size}
-        factors = {name: factor for name, factor in found.items() if factor > LOUDER}
+        most = {
+            n: np.sqrt(1.0 + HIDDEN * p.columns.shape[1] / max(1, p.left.size)) for n, p in self.dictionary.rows.items()
+        }
+        factors = {name: min(factor, float(most[name])) for name, factor in found.items() if factor > LOUDER}
         if factors:
             self.dictionary = self.dictionary.louder(factors)
             self._renew()
@@ -159,6 +166,7 @@ class _Chase:
 
     def correct(self, selection: Selection) -> tuple[Selection, bool]:
         """Refined shapes, columns for the fitted stiffness, scales. True if anything moved."""
+        damped = self._redamp(selection)
         better = refine(self.dictionary, self.scores, selection)
         better |= self._stiffer(selection, better)
         if better:
@@ -166,7 +174,18 @@ class _Chase:
             self._renew(self.scores.extended(self.dictionary))
             fresh = dict(zip(better, self.dictionary.groups[-len(better) :], strict=True))
             selection = tuple(fresh.get(group.name, group) for group in selection)
-        return self.rescale(selection), bool(better)
+        return self.rescale(selection), bool(better) or damped
+
+    def _redamp(self, selection: Selection) -> bool:
+        """Takes the torsion at the damping that the fit found."""
+        damping = self.fit(selection).damping_time
+        equations = self.dictionary.equations
+        if not np.isfinite(damping) or abs(damping - equations.channels[TRANSMISSION].damping_time) < DAMPING_TOLERANCE:
+            return False
+        damping = float(np.clip(damping, 0.0, LONGEST_DAMPING))
+        self.dictionary = self.dictionary.with_base(with_damping(equations, damping), TRANSMISSION)
+        self._renew()
+        return True
 
     def _stiffer(self, selection: Selection, better: Mapping[str, Candidate]) -> dict[str, Candidate]:
         """Columns of what the gauge misreads, for the stiffness that the fit found."""

@@ -34,6 +34,14 @@ class Noise:
         """The noise of the rows divided by `factor`."""
         return Noise(self.lags, self.scale / factor, self.deviation / factor)
 
+    def scaled_on(self, residual: FloatArray, rows: BoolArray) -> Noise:
+        """The same spectrum with the level that the residual has on some rows, its largest values left out."""
+        white = np.abs(self.whiten(residual)[rows])
+        if white.size == 0:
+            return self
+        inside = white < 4.0 * 1.4826 * np.median(white)
+        return self.divided(1.0 / max(float(np.sqrt(np.mean(white[inside] ** 2))), 1e-6))
+
     def usable(self, valid: BoolArray) -> BoolArray:
         """Rows whose whole filter history is valid."""
         bad = np.concatenate([[0], np.cumsum(~valid)])
