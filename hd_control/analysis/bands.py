@@ -34,8 +34,8 @@ class Band:
 
     @property
     def support_s(self) -> float:
-        """s on each side over which a single sample is smeared noticeably (first side lobes of the taper)."""
-        return 1.5 / (self.flat + self.zero)
+        """s on each side over which a single sample is smeared noticeably (side lobes of the taper)."""
+        return 2.5 / (self.flat + self.zero)
 
 
 def band_for(period: float, flat: float, zero: float) -> Band:

@@ -16,6 +16,7 @@ from hd_control.analysis.groups import Group
 from hd_control.analysis.hunt import Task, hunt
 from hd_control.analysis.intervals import Bootstrap
 from hd_control.analysis.leftover import bursts
+from hd_control.analysis.reversal_rows import presliding
 from hd_control.analysis.rivals import Rival, rivals
 from hd_control.analysis.scores import Scores
 from hd_control.analysis.search import Search, Selection
@@ -31,18 +32,20 @@ from hd_control.analysis.verdict import (
     NamedEffect,
     Unknown,
 )
-from hd_control.drive.effect import UNITS
+from hd_control.drive.effect import MOTOR, TRANSMISSION, UNITS
 
 
 def diagnose(task: Task) -> JointDiagnosis:
     """The verdict on one joint."""
     start = time.process_time()
     found = coverage(task.equations)
-    missing = lacks(found, task.rated_torque)
     if _hopeless(task.equations, found):
-        return _refusal(task, found, missing, {}, time.process_time() - start)
+        return _refusal(task, found, lacks(found), {}, time.process_time() - start)
     search, selection = hunt(task)
-    answer = _answer(task, found, missing, search, selection)
+    if TRANSMISSION in task.equations.channels:
+        error = Fit.of(search.dictionary, search.scores, selection).relative_error(TRANSMISSION, "torsional_compliance")
+        found = replace(found, compliance_error=error)
+    answer = _answer(task, found, lacks(found), search, selection)
     return replace(answer, seconds=time.process_time() - start)
 
 
@@ -80,6 +83,7 @@ def _answer(task: Task, found: Coverage, missing: list[Lack], search: Search, se
     channels = _errors(fit, raw, scores, selection)
     blocked = {name for lack in missing for name in lack.channels}
     effects, denied = _effects(task, found, search, fit, raw, blocked)
+    effects += _near_reversals(task, fit, blocked)
     unknown = _unknown(fit, search, selection, blocked)
     experiments = list(_experiments([*missing, *denied]))
     for effect in effects:
@@ -127,7 +131,7 @@ def _effects(
     order: list[tuple[Group, float, float, tuple[Rival, ...]]] = []
     denied: list[Lack] = []
     for group in named:
-        lack = unsupported(group.name, found)
+        lack = unsupported(group.name, found, task.rated_torque)
         if lack is not None or set(group.channels) <= blocked:
             denied += [lack] if lack is not None else []
             continue
@@ -176,6 +180,29 @@ def _named(
         units=units,
         evidence=f"{channel.replace('_', ' ')}: the residual {effect.evidence}",
         rivals=others,
+    )
+
+
+def _near_reversals(task: Task, fit: Fit, blocked: set[str]) -> tuple[NamedEffect, ...]:
+    """Presliding, which only the rows near reversals show."""
+    effect = task.library.get("presliding")
+    found = None if effect is None or MOTOR in blocked or effect in [e for e, _ in task.known] else presliding(fit)
+    if effect is None or found is None:
+        return ()
+    return (
+        NamedEffect(
+            name=effect.name,
+            title=effect.title,
+            confidence=confidence(found.gain, found.t, ()),
+            channel=MOTOR,
+            gain=found.gain,
+            t=found.t,
+            error_before=found.error_before,
+            error_after=found.error_after,
+            parameters=found.parameters,
+            units={parameter.name: parameter.unit for parameter in effect.parameters},
+            evidence=f"motor torque: the residual {effect.evidence}",
+        ),
     )
 
 

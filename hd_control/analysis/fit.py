@@ -75,6 +75,17 @@ class Fit:
         compliance = self.base(TRANSMISSION, "torsional_compliance")
         return 1.0 / compliance if compliance and compliance > 0.0 else float("nan")
 
+    def relative_error(self, channel: str, name: str) -> float:
+        """Half-width of the 95 % interval of a base coefficient over its value, for white noise."""
+        i = self.dictionary.base_index(channel, name)
+        index = self.index
+        left = self.scores.gram_all[np.ix_(index, index)] + np.diag(self.scores.ridge[index])
+        if i is None or self.coefficients[i] == 0.0:
+            return float("inf")
+        unit = (index == i).astype(float)
+        deviation = float(np.sqrt(unit @ np.linalg.solve(left, unit))) / self.dictionary.norm[i]
+        return 1.96 * deviation / abs(float(self.coefficients[i]))
+
     @property
     def damping_time(self) -> float:
         """d, s; NaN without a transmission channel."""

@@ -18,8 +18,11 @@ from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION
 SPEED_DECADES = 1.3
 REVERSALS = 5
 DURATION_S = 12.0
-LOAD_SHARE = 0.3
-"""Span of the joint torque over the rated torque that load and stiffness claims need."""
+LOAD_SHARE = 0.1
+"""Span of the joint torque over the rated torque that claims of the torsion's shape need."""
+LOADED = ("nonlinear_stiffness", "torsional_hysteresis")
+COMPLIANCE_ERROR = 0.02
+"""Half-width of the interval of the compliance, relative, beyond which nothing can be said of the transmission."""
 TEMPERATURE_SPAN = 8.0
 JOINT_RANGE = np.pi / 2
 """rad of joint angle for eccentricity and for gravity against offset."""
@@ -41,6 +44,7 @@ class Coverage:
     motor_turns: float
     temperature_span: float
     acceleration_snr: dict[str, float]
+    compliance_error: float = 0.0
 
     @property
     def speed_decades(self) -> float:
@@ -86,10 +90,11 @@ class Lack:
 
 
 _SPEEDS = "constant speeds or a triangular velocity in both directions, log-spaced from 0.03 to 1 rad/s, at least 25 s"
+_RAMPS = "slow torque ramps through zero to +-50 % of the rated torque, under gravity or against a locked output"
 _CHIRP = "a sum of sines from 0.1 to 2.5 Hz (22 s) and a chirp from 0.3 to 20 Hz (13 s), both within the robot's limits"
 
 
-def lacks(found: Coverage, rated_torque: float | None) -> list[Lack]:
+def lacks(found: Coverage) -> list[Lack]:
     """What is missing for a full diagnosis, most important first. Empty for a recording that can decide."""
     everything = (MOTOR, TRANSMISSION, LINK)
     missing: list[Lack] = []
@@ -110,16 +115,18 @@ def lacks(found: Coverage, rated_torque: float | None) -> list[Lack]:
         if snr is not None and snr < ACCELERATION_SNR:
             what = f"acceleration {snr:.1f} times its noise in power ({ACCELERATION_SNR:g} needed)"
             missing.append(Lack(what, (name,), "inertia against friction and delays", _CHIRP))
-    span = found.torque_high - found.torque_low
-    if rated_torque is not None and span < LOAD_SHARE * rated_torque:
-        what = f"joint torque from {found.torque_low:.3g} to {found.torque_high:.3g} N m only"
-        how = "slow torque ramps through zero to +-50 % of the rated torque, under gravity or against a locked output"
-        missing.append(Lack(what, (TRANSMISSION,), "stiffness, lost motion and hysteresis", how))
+    if TRANSMISSION in found.acceleration_snr and found.compliance_error > COMPLIANCE_ERROR:
+        what = f"stiffness within {100 * found.compliance_error:.0f} % only"
+        missing.append(Lack(what, (TRANSMISSION,), "stiffness, lost motion and hysteresis", _RAMPS))
     return missing
 
 
-def unsupported(name: str, found: Coverage) -> Lack | None:
+def unsupported(name: str, found: Coverage, rated_torque: float | None) -> Lack | None:
     """Why this recording cannot carry a claim of that effect; None if it can."""
+    span = found.torque_high - found.torque_low
+    if name in LOADED and rated_torque is not None and span < LOAD_SHARE * rated_torque:
+        what = f"joint torque from {found.torque_low:.3g} to {found.torque_high:.3g} N m only"
+        return Lack(what, (), "stiffness, lost motion and hysteresis", _RAMPS)
     if name == "temperature_friction" and found.temperature_span < TEMPERATURE_SPAN:
         what = f"temperature moves by {found.temperature_span:.1f} K only ({TEMPERATURE_SPAN:g} needed)"
         return Lack(what, (), "temperature against drift in time", "warm-up and cool-down by 8 K or more in one bag")

@@ -20,7 +20,7 @@ from hd_control.drive.effects.presliding import Presliding
 DISTANCES = np.geomspace(2e-5, 3e-3, 26)
 LEAST_SHARE = 0.6
 """Of the energy of these rows that the effect must explain, held out."""
-TORQUE_RATIO = (0.4, 1.6)
+TORQUE_RATIO = (0.4, 2.5)
 """Torque that builds up over the Coulomb torque."""
 LEAST_GAIN = 150.0
 BLOCK_S = 0.66
@@ -52,7 +52,7 @@ def presliding(fit: Fit) -> PreslidingFound | None:
         return None
     noise = 1.4826 * float(np.median(np.abs(residual[channel.fitted])))
     sums = _sums(fit, residual / noise, rows, channel.time[rows])
-    return _judge(sums, float(np.mean(residual[rows] ** 2)) ** 0.5, coulomb)
+    return _judge(sums, float(np.mean(residual[rows] ** 2)) ** 0.5, noise, coulomb)
 
 
 def _sums(fit: Fit, residual: FloatArray, rows: np.ndarray, time: FloatArray) -> FloatArray:
@@ -71,7 +71,7 @@ def _sums(fit: Fit, residual: FloatArray, rows: np.ndarray, time: FloatArray) ->
     return found
 
 
-def _judge(sums: FloatArray, error: float, coulomb: float) -> PreslidingFound | None:
+def _judge(sums: FloatArray, error: float, noise: float, coulomb: float) -> PreslidingFound | None:
     blocks = len(sums)
     total = sums.sum(axis=0)
     fold = np.arange(blocks) % FOLDS
@@ -83,7 +83,11 @@ def _judge(sums: FloatArray, error: float, coulomb: float) -> PreslidingFound | 
     best = int(np.argmax(gains.sum(axis=0)))
     gain, energy = float(gains[:, best].sum()), 0.5 * float(total[2, best])
     distance, torque = _vertex(total)
-    if gain < LEAST_GAIN or gain < LEAST_SHARE * energy or not TORQUE_RATIO[0] < torque / coulomb < TORQUE_RATIO[1]:
+    if (
+        gain < LEAST_GAIN
+        or gain < LEAST_SHARE * energy
+        or not TORQUE_RATIO[0] < torque * noise / coulomb < TORQUE_RATIO[1]
+    ):
         return None
     random = np.random.default_rng(0)
     draws = np.array([_vertex(sums[random.integers(0, blocks, blocks)].sum(axis=0)) for _ in range(DRAWS)])
@@ -92,7 +96,7 @@ def _judge(sums: FloatArray, error: float, coulomb: float) -> PreslidingFound | 
     t = float(logs.mean() / (logs.std(ddof=1) / np.sqrt(blocks)))
     values = {
         "presliding_distance": Interval(distance, float(low[0]), float(high[0])),
-        "presliding_torque": Interval(torque, float(low[1]), float(high[1])),
+        "presliding_torque": Interval(noise * torque, noise * float(low[1]), noise * float(high[1])),
     }
     return PreslidingFound(gain, t, error, error * float(np.sqrt(max(0.0, 1.0 - gain / energy))), values)
 

@@ -33,6 +33,7 @@ class Thresholds:
     curve_penalty: float = 40.0
     effect_penalty: float = 8.0
     ghost: float = 1e-4
+    relative: float = 0.1
     curve_relative: float = 0.005
     """A curve must explain this share more than laws do: no law is exact, and a curve fits what it leaves."""
 
@@ -193,16 +194,18 @@ class Search:
         return selection
 
     def prune(self, selection: Selection) -> Selection:
-        """Without what a strong neighbour on the same channel leaves behind because its law is not exact."""
+        """Without what strong neighbours on the same channel leave behind because no law is exact, and without effects
+        that are the part of a selected curve that happens to look like them."""
         gains = {id(g): self.support(g, tuple(h for h in selection if h is not g)).gain for g in selection}
-        return tuple(
-            g
-            for g in selection
-            if all(
-                gains[id(g)] > self.thresholds.ghost * gains[id(h)] or not set(g.channels) & set(h.channels)
-                for h in selection
-            )
-        )
+
+        def ghost(g: Group, h: Group) -> bool:
+            if g is h or not set(g.channels) & set(h.channels) or g.is_curve:
+                return False
+            family = bool(g.effect and h.effect and g.effect.family and g.effect.family == h.effect.family)
+            share = self.thresholds.relative if h.is_curve or family else self.thresholds.ghost
+            return gains[id(g)] <= share * gains[id(h)]
+
+        return tuple(g for g in selection if not any(ghost(g, h) for h in selection))
 
     def best_curves(self, selection: Selection, count: int = 3) -> list[Group]:
         """The free curves with the largest acceptable gain on top of a selection."""

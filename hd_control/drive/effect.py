@@ -135,6 +135,8 @@ class Effect(ABC):
     """What its residual looks like, as a clause: "repeats twice per wave-generator turn in both directions"."""
     parameters: ClassVar[tuple[EffectParameter, ...]]
     in_every_model: ClassVar[bool] = False
+    family: ClassVar[str] = ""
+    """Effects of one family draw the same kind of curve: a small one beside a large one is what the law misses."""
     confusions: ClassVar[tuple[Confusion, ...]] = ()
     references: ClassVar[tuple[Reference, ...]] = ()
 

@@ -36,6 +36,7 @@ class Backlash(Effect):
     name = "backlash"
     title = "backlash"
     evidence = "jumps with the sign of the joint torque and is flat elsewhere"
+    family = "torsion over torque"
     parameters = (
         EffectParameter("half_gap", "rad", "half of the gap, at the joint", low=0.0),
         EffectParameter(
