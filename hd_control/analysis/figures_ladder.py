@@ -45,7 +45,8 @@ def ladder_figure(rungs: Sequence[Rung], unit: str, stopped_because: str = "", h
     text = [f"{value:.3g} ({100.0 * value / base:.0f} %)" for value in held_out]
     colours = [FLOOR] + [BAR] * (len(rungs) - 1)
     bars = {
-        "type": "bar", "x": names, "y": held_out, "text": text, "textposition": "outside", "cliponaxis": False,
+        "type": "bar", "x": names, "y": held_out, "text": text, "textposition": "auto", "textangle": 0,
+        "cliponaxis": False,
         "marker": {"color": colours}, "name": "held-out data", "width": 0.62, "hovertemplate": "%{x}: %{y:.4g}",
     }  # fmt: skip
     mark = {"symbol": "line-ew", "size": 34, "line": {"width": 2.0, "color": INK}}
@@ -58,7 +59,7 @@ def ladder_figure(rungs: Sequence[Rung], unit: str, stopped_because: str = "", h
         "type": "scatter", "mode": "lines", "x": names, "y": floor, "name": "noise floor",
         "line": {"color": WARN, "width": 1.8, "dash": "dash"}, "hovertemplate": "noise floor: %{y:.4g}",
     }  # fmt: skip
-    result = layout("Error ladder on data that were not used for the fit", height)
+    result = layout("Error on data that were not used for the fit", height)
     result["xaxis"] = axis(f"stopped: {stopped_because}" if stopped_because else "", type="category")
     result["yaxis"] = axis(f"RMS error, {shown}", range=[0.0, 1.18 * max([*held_out, 1e-12])])
     return {"data": [bars, level, train], "layout": result}

@@ -74,9 +74,8 @@ def write_figures(folder: str | Path, figures: Mapping[str, Figure], force: bool
     for path in paths.values():
         if path.exists() and not force:
             raise HdError(f"{path}: exists already; choose another folder or add --force")
-    script = (
-        _DRAW.replace("FIGURES", json_text(dict(figures))).replace("WIDTH", str(WIDTH)).replace("SCALE", str(SCALE))
-    )
+    script = _DRAW.replace("WIDTH", str(WIDTH)).replace("SCALE", str(SCALE))
+    script = script.replace("FIGURES", json_text(dict(figures)))
     with tempfile.TemporaryDirectory() as place:
         file = Path(place) / "figures.html"
         file.write_text(
