@@ -80,12 +80,17 @@ class Bar:
     note: str = ""
 
 
+def percent(probability: float) -> str:
+    """A probability in words; never a certainty."""
+    return "> 99 %" if probability > 0.99 else f"{100.0 * probability:.0f} %"
+
+
 def confidence_figure(bars: Sequence[Bar], height: int = 0) -> Figure:
     """One horizontal bar for each candidate; what has no probability is hatched."""
     names = [bar.name.replace("_", " ") for bar in bars]
     values = [100.0 if bar.probability is None else 100.0 * bar.probability for bar in bars]
     plain = [bar.probability is not None for bar in bars]
-    words = [f"{value:.0f} %" if known else "" for value, known in zip(values, plain, strict=True)]
+    words = ["" if bar.probability is None else percent(bar.probability) for bar in bars]
     trace = {
         "type": "bar", "orientation": "h", "x": values, "y": names, "text": words, "textposition": "inside",
         "insidetextanchor": "start", "width": 0.36, "hovertemplate": "%{y}: %{x:.0f} %<extra></extra>",

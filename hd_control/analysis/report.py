@@ -21,7 +21,7 @@ from hd_control.analysis.report_html import Figures, card, folded, grid, listed,
 from hd_control.analysis.verdict_words import BADGES, confidence_bars, headline, plain_name, reasons
 from hd_control.core.errors import HdError
 
-SHOWN_MAPS = 4
+SHOWN_MAPS = 3
 """Condition maps that are open; the rest is folded."""
 CROSSES = (
     f"A cross marks fewer than {LEAST_EFFECTIVE:g} independent samples; where nothing was recorded, nothing is drawn."

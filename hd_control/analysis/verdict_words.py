@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hd_control.analysis.figures_ladder import Bar
+from hd_control.analysis.figures_ladder import Bar, percent
 from hd_control.analysis.figures_style import CHANNELS, shown_unit
 from hd_control.analysis.verdict import (
     ADEQUATE,
@@ -57,7 +57,7 @@ def _effect(effect: NamedEffect, diagnosis: JointDiagnosis) -> str:
     before, after = factor * effect.error_before, factor * effect.error_after
     name = plain_name(effect.name)
     text = (
-        f"{name[0].upper()}{name[1:]} ({100.0 * effect.confidence:.0f} % sure) lowers the error of the "
+        f"{name[0].upper()}{name[1:]} ({percent(effect.confidence)} sure) lowers the error of the "
         f"{CHANNELS[effect.channel]} from {before:.3g} to {after:.3g} {unit} on data that were not used for its fit"
     )
     if effect.channel in diagnosis.channels:

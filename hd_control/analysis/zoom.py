@@ -13,6 +13,8 @@ LARGEST_S = 5.0
 REVERSAL_S = 1.2
 PLATEAU_S = (1.0, 5.0)
 """Shortest and longest stretch of constant speed."""
+COARSE_S = 0.02
+"""Steps in which constant speed is looked for."""
 PLATEAU_SPREAD = 0.04
 """Relative change of speed within a stretch of constant speed."""
 
@@ -60,24 +62,21 @@ def reversal(time: FloatArray, used: BoolArray, excess: FloatArray, velocity: Fl
     half = round(0.5 * REVERSAL_S / step)
     fast = 0.02 * float(np.quantile(np.abs(velocity), 0.98))
     crossings = np.flatnonzero(np.diff(np.sign(velocity)) != 0) + 1
-    inside = crossings[(crossings >= half) & (crossings < time.size - half)]
-    moving = [
-        i
-        for i in inside
-        if abs(velocity[i - half]) > fast
-        and abs(velocity[i + half - 1]) > fast
-        and used[i - half : i + half].mean() > 0.4
-        and np.sum(np.abs(crossings - i) < half) == 1
-    ]
-    if not moving:
+    i = crossings[(crossings >= half) & (crossings < time.size - half)]
+    around = np.searchsorted(crossings, i + half) - np.searchsorted(crossings, i - half + 1)
+    counted, total = (np.concatenate([[0.0], np.cumsum(x)]) for x in (used, excess))
+    moving = (np.abs(velocity[i - half]) > fast) & (np.abs(velocity[i + half - 1]) > fast) & (around == 1)
+    i = i[moving & (counted[i + half] - counted[i - half] > 0.4 * 2 * half)]
+    if not i.size:
         return None
-    total = np.concatenate([[0.0], np.cumsum(excess)])
-    best = max(moving, key=lambda i: float(total[i + half] - total[i - half]))
+    best = int(i[np.argmax(total[i + half] - total[i - half])])
     return Window("one reversal", float(time[best - half]), float(time[best - half]) + 2 * half * step)
 
 
 def plateau(time: FloatArray, used: BoolArray, velocity: FloatArray, step: float) -> Window | None:
     """The longest stretch of constant speed, cut to the longest that is shown."""
+    every = max(1, round(COARSE_S / step))
+    time, used, velocity, step = time[::every], used[::every], velocity[::every], every * step
     least, most = (round(seconds / step) for seconds in PLATEAU_S)
     fast = 0.02 * float(np.quantile(np.abs(velocity), 0.98))
     best, start = slice(0, 0), 0
