@@ -17,7 +17,7 @@ JOINT_SPEED, MOTOR_SPEED = 12.0, 1500.0
 STUCK_S, STUCK_MOTION = 0.2, 0.02
 """A position that stays equal this long while the other one moves by so many rad is stuck."""
 KELVIN, FAHRENHEIT = (200.0, 450.0), (120.0, 200.0)
-SATURATED_SHARE, SATURATED_RUN = 5e-4, 5
+SATURATED_PERCENT, SATURATED_RUN = 0.05, 5
 
 
 def extent(values: FloatArray) -> float:
@@ -134,13 +134,13 @@ def saturated(signals: JointSignals) -> list[str]:
         if column is None or extent(column) == 0.0:
             continue
         values = column[np.isfinite(column)]
-        limit = float(np.abs(values).max())
-        at = np.abs(values) >= limit * (1.0 - 1e-9)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], at, [False]]).astype(np.int8)))
-        runs = edges[1::2] - edges[::2]
-        share = float(runs[runs >= SATURATED_RUN].sum()) / values.size
-        if share > SATURATED_SHARE:
-            found.append(f"{name} is at its limit of {limit:.4g} N m for {100.0 * share:.2g} % of the time: saturated")
+        for limit in (float(values.max()), float(values.min())):
+            at = np.abs(values - limit) <= 1e-9 * abs(limit)
+            edges = np.flatnonzero(np.diff(np.concatenate([[False], at, [False]]).astype(np.int8)))
+            runs = edges[1::2] - edges[::2]
+            share = 100.0 * float(runs[runs >= SATURATED_RUN].sum()) / values.size
+            if share > SATURATED_PERCENT and abs(limit) > 0.5 * float(np.abs(values).max()):
+                found.append(f"{name} is at its limit of {limit:.4g} N m for {share:.2g} % of the time: saturated")
     return found
 
 

@@ -21,7 +21,7 @@ LONGEST_S, STEP_S = 0.1, 2e-3
 """Range and step of the search."""
 SMALLEST = 2.0
 """Samples; a shorter delay is not worth a sentence."""
-GAIN, REST = 0.9, 0.12
+GAIN, REST = 0.85, 0.12
 """What may be left after the shift at most, of what was left before and of the signal."""
 SURE = 3.0
 """Standard errors by which a delay must exceed `SMALLEST`."""
@@ -123,4 +123,4 @@ def best_shift(rows: SlowRows, name: str, columns: Sequence[FloatArray], minus: 
     fit = regress(y if minus is None else y - minus, [slope, *columns], rows.usable)
     gain = fit.rest / max(1e-300, float(np.sqrt(squares[count] / rows.usable.sum())))
     rest = fit.rest / max(1e-300, float(rows.rows(name)[rows.usable].std()))
-    return Shift(name, seconds, float(fit.errors[0]), gain, 0.0 if minus is not None else rest, inside)
+    return Shift(name, seconds, fit.error(0), gain, 0.0 if minus is not None else rest, inside)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from hd_control.analysis.collector import MEASURED
 from hd_control.analysis.column_checks import (
     POSITIONS,
     degrees,
@@ -30,8 +31,12 @@ SHORTEST = 2.0
 RATIO_TOLERANCE, TORSION = (1e-3, 1e-3), (3e-3, 6e-3)
 """(relative, rad over the range of motion) of the slope between the positions, with and without the gauge's torsion."""
 LEAST_MOTION = 5e-3
-FLIPPED_LINK, FLIPPED_DRIVE = -10.0, -3.0
-"""Largest t value of the inertia (gauge) and of inertia and friction (motor torque) that counts as a turned sign."""
+FLIPPED_INERTIA, FLIPPED_POWER = -10.0, {"gauge_torque": -12.0, "motor_torque": -4.0}
+"""t values of inertia and friction power below which a torque counts as turned; the gauge may see little friction."""
+CLEAR_POWER, CLEAR_INERTIA = 8.0, 15.0
+"""t values above which the other one contradicts: on a slow joint a late torque looks like negative inertia."""
+LEAST_DRIVEN = 0.1
+"""rad of motion below which a joint may only be pushed by its neighbours; its torque says nothing of its sign then."""
 SCALE_ERROR, SCALE_RANGE, SCALE_REST = 0.05, (0.15, 7.0), 0.3
 FACTORS = {1e3: "1000, as N m and mN m", 1e-3: "0.001, as N m and kN m"}
 
@@ -44,10 +49,10 @@ def check_signals(signals: JointSignals, gear_ratio: float, rated_torque: float 
     wraps, continuous = unwrapped(signals)
     angles, units = degrees(continuous), torque_units(signals, gear_ratio, rated_torque)
     found = [*wraps, *angles, *units, *stuck(continuous, gear_ratio), *temperature(signals), *saturated(signals)]
-    moving = [name for name in POSITIONS if name in signals.present and extent(getattr(continuous, name)) > 0.0]
-    if not moving or signals.time.size * signals.period < SHORTEST:
+    moving = _moving(continuous)
+    if not {*POSITIONS} & {*moving.present} or signals.time.size * signals.period < SHORTEST:
         return tuple(found)
-    rows = SlowRows(_without(continuous, moving), gear_ratio)
+    rows = SlowRows(moving, gear_ratio)
     if int(rows.usable.sum()) < FEWEST_ROWS:
         return tuple(found)
     ratio = [] if angles else _ratio(rows, gear_ratio)
@@ -57,11 +62,11 @@ def check_signals(signals: JointSignals, gear_ratio: float, rated_torque: float 
     return (*found, *ratio, *signs, *scale, *delays)
 
 
-def _without(signals: JointSignals, moving: list[str]) -> JointSignals:
-    """The signals without positions that do not move."""
-    gone = [name for name in POSITIONS if name not in moving]
-    for name in gone:
-        signals = with_column(signals, name, None)
+def _moving(signals: JointSignals) -> JointSignals:
+    """The signals without columns that never change."""
+    for name in MEASURED:
+        if getattr(signals, name) is not None and extent(getattr(signals, name)) == 0.0:
+            signals = with_column(signals, name, None)
     return signals
 
 
@@ -101,17 +106,23 @@ def _ratio(rows: SlowRows, gear_ratio: float) -> list[str]:
 
 
 def _signs(rows: SlowRows) -> list[str]:
-    """Torques that do work in the wrong direction: inertia and friction must come out positive."""
-    found = []
-    columns = [*rows.link(), *rows.friction()]
-    if "gauge_torque" in rows.present:
-        fit = regress(rows.rows("gauge_torque"), columns, rows.usable)
-        if fit.t(0) < FLIPPED_LINK and fit.rest < SCALE_REST * fit.spread:
-            found.append("the sign of gauge_torque looks flipped: with it the link's inertia comes out negative")
-    if "motor_torque" in rows.present:
-        fit = regress(rows.rows("motor_torque"), columns, rows.usable)
-        if fit.t(0) < FLIPPED_DRIVE and fit.t(4) < FLIPPED_DRIVE:
-            found.append("the sign of motor_torque looks flipped: with it inertia and friction come out negative")
+    """Torques that work in the wrong direction: the inertia and the power of the friction must come out positive."""
+    found: list[str] = []
+    if float(np.ptp(rows.rows(rows.position)[rows.usable])) < LEAST_DRIVEN:
+        return found
+    friction, velocity = rows.friction(), rows.rows(rows.position, 1)
+    columns = [*rows.link(), *friction]
+    weights = np.zeros(len(columns))
+    weights[-2:] = [float(np.mean((column * velocity)[rows.usable])) for column in friction]
+    for name, limit in FLIPPED_POWER.items():
+        if name not in rows.present:
+            continue
+        fit = regress(rows.rows(name), columns, rows.usable)
+        inertia, power = fit.t(0), fit.t_of(weights)
+        backwards = inertia < FLIPPED_INERTIA and power < CLEAR_POWER and fit.rest < SCALE_REST * fit.spread
+        if backwards or (power < limit and inertia < CLEAR_INERTIA):
+            what = " and ".join(word for word, t in (("inertia", inertia), ("friction", power)) if t < 0.0)
+            found.append(f"the sign of {name} looks flipped: with it {what} come out negative")
     return found
 
 
@@ -121,7 +132,7 @@ def _scale(rows: SlowRows, gear_ratio: float) -> list[str]:
         return []
     columns = [rows.rows("gauge_torque"), rows.rows(rows.position, 2), *rows.friction(), np.ones(rows.usable.size)]
     fit = regress(rows.rows("motor_torque"), columns, rows.usable)
-    c, error = float(fit.coefficients[0]), float(fit.errors[0])
+    c, error = float(fit.coefficients[0]), fit.error(0)
     if error > SCALE_ERROR * max(abs(c), 1.0 / gear_ratio) or fit.rest > SCALE_REST * fit.spread or fit.t(1) < 0.0:
         return []
     if SCALE_RANGE[0] <= abs(c) <= SCALE_RANGE[1]:

@@ -79,16 +79,25 @@ class SlowRows:
 
 @dataclass(frozen=True)
 class Regression:
-    """Least squares on the usable rows: coefficients, their standard errors, RMS of left side and of what is left."""
+    """Least squares on the usable rows: coefficients (k,), root of their covariance (k, k), RMS of the left side about
+    its mean and of what is left."""
 
     coefficients: FloatArray
-    errors: FloatArray
+    root: FloatArray
     spread: float
     rest: float
 
+    def error(self, index: int) -> float:
+        """Standard error of a coefficient."""
+        return float(np.linalg.norm(self.root[index]))
+
     def t(self, index: int) -> float:
         """Coefficient over its standard error."""
-        return float(self.coefficients[index] / max(1e-300, float(self.errors[index])))
+        return float(self.coefficients[index]) / max(1e-300, self.error(index))
+
+    def t_of(self, weights: FloatArray) -> float:
+        """The weighted sum of the coefficients over its standard error."""
+        return float(weights @ self.coefficients) / max(1e-300, float(np.linalg.norm(weights @ self.root)))
 
 
 def regress(left: FloatArray, columns: Sequence[FloatArray], usable: BoolArray) -> Regression:
@@ -102,10 +111,9 @@ def regress(left: FloatArray, columns: Sequence[FloatArray], usable: BoolArray) 
     s = np.maximum(s, 1e-9 * s[0])
     solution = vt.T @ ((u.T @ y) / s)
     residual = y - (a / scale) @ solution
-    inflation = _independent(residual)
-    variance = float(residual @ residual) / max(1, y.size - s.size) * inflation
-    errors = np.sqrt(variance * ((vt.T / s) ** 2).sum(axis=1)) / scale
-    return Regression(solution / scale, errors, float(y.std()), float(np.sqrt(np.mean(residual**2))))
+    variance = float(residual @ residual) / max(1, y.size - s.size) * _independent(residual)
+    root = np.sqrt(variance) * (vt.T / s) / scale[:, None]
+    return Regression(solution / scale, root, float(y.std()), float(np.sqrt(np.mean(residual**2))))
 
 
 def _independent(residual: FloatArray) -> float:
