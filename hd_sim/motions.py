@@ -70,6 +70,19 @@ def constant_speed(start: FloatArray, speed: float, duration: float) -> Motion:
     return Motion(ends, positions, velocities, np.zeros_like(velocities), duration, (5.0, duration - 4.0))
 
 
+def slow_turn(start: FloatArray, distance: float, speed: float) -> Motion:
+    """All joints by `distance` rad and back at `speed` rad/s, 1 s holds and 1 s blends: for calibrations."""
+    cruise = distance / speed - 1.0
+    steps = np.array([0.0, 1.0, cruise, 1.0, 1.0, 1.0, cruise, 1.0])
+    rates = speed * np.array([0.0, 1.0, 1.0, 0.0, 0.0, -1.0, -1.0, 0.0])
+    ends = 1.0 + np.cumsum(steps)
+    travel = np.cumsum(np.concatenate(([0.0], 0.5 * (rates[1:] + rates[:-1]) * steps[1:])))
+    velocities = np.outer(rates, np.ones(start.size))
+    positions = start + np.outer(travel, np.ones(start.size))
+    duration = float(ends[-1]) + 1.0
+    return Motion(ends, positions, velocities, np.zeros_like(velocities), duration, (1.0, duration))
+
+
 def _smooth_step(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Quintic 0 to 1 and its first two derivatives, clamped outside [0, 1]."""
     x = np.clip(x, 0.0, 1.0)

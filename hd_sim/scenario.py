@@ -80,6 +80,11 @@ def _arm_scenarios() -> list[Scenario]:
             "slow", "all joints at 0.001 rad/s (Zhu, Fig. 4)", lambda c: motions.constant_speed(c.start, 0.001, 21.0)
         ),
         scenario(
+            "slow_turn",
+            "all joints 0.6 rad there and back at 0.12 rad/s, for hd calibrate",
+            lambda c: motions.slow_turn(c.start, 0.6, 0.12),
+        ),
+        scenario(
             "excitation",
             "60 s for identification: triangular velocity, multisine, chirp",
             lambda c: motions.excitation(c.start, c.velocity_limit, c.random),
