@@ -71,14 +71,14 @@ def rising(stamps_ns: IntArray) -> IntArray:
 
 
 def period_of(stamps_ns: IntArray) -> float:
-    """Spacing of rising stamps, s: their median; where they scatter the mean of the steps near it."""
+    """Spacing of rising stamps, s: the median, or where they differ (scatter, rounding) the mean of the steps near it."""
     steps = np.diff(stamps_ns)
     if steps.size == 0:
         return np.inf
     median = float(np.median(steps))
     single = steps[(steps > 0.5 * median) & (steps < 1.5 * median)]
-    regular = float(np.abs(single - median).max()) <= EVEN * median
-    return (median if regular else float(single.mean())) / NS
+    equal = single.size == 0 or bool((single == single[0]).all())
+    return (median if equal else float(single.mean())) / NS
 
 
 def time_base(stamps_ns: IntArray, where: str) -> TimeBase:
