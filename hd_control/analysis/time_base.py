@@ -71,7 +71,7 @@ def rising(stamps_ns: IntArray) -> IntArray:
 
 
 def period_of(stamps_ns: IntArray) -> float:
-    """Spacing of rising stamps, s: the median, or where they differ (scatter, rounding) the mean of the steps near it."""
+    """Spacing of rising stamps, s: the median, or the mean of the steps near it where they scatter or are rounded."""
     steps = np.diff(stamps_ns)
     if steps.size == 0:
         return np.inf
