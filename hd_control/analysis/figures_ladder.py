@@ -46,7 +46,7 @@ def ladder_figure(rungs: Sequence[Rung], unit: str, stopped_because: str = "", h
     colours = [FLOOR] + [BAR] * (len(rungs) - 1)
     bars = {
         "type": "bar", "x": names, "y": held_out, "text": text, "textposition": "auto", "textangle": 0,
-        "cliponaxis": False,
+        "insidetextanchor": "middle", "insidetextfont": {"color": "white"}, "cliponaxis": False,
         "marker": {"color": colours}, "name": "held-out data", "width": 0.62, "hovertemplate": "%{x}: %{y:.4g}",
     }  # fmt: skip
     mark = {"symbol": "line-ew", "size": 34, "line": {"width": 2.0, "color": INK}}

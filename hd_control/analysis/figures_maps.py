@@ -124,11 +124,14 @@ def _shares(item: ConditionMap, k: int, name: str, colour: str) -> dict[str, Any
     }  # fmt: skip
 
 
-def heat_figure(item: SpeedLoadMap, unit: str, model: str = "", height: int = 330) -> Figure:
-    """RMS residual over speed and joint torque, backward and forward side by side; crosses: few independent samples."""
+def heat_figure(item: SpeedLoadMap, unit: str, model: str = "", top: float = 0.0, height: int = 330) -> Figure:
+    """RMS residual over speed and joint torque, backward and forward side by side; crosses: few independent samples.
+
+    `top` of the colours in the unit of the channel, for pictures that are compared; 0: the largest of this map.
+    """
     factor, shown = shown_unit(unit)
     x, y = _log_edges(item.speed_edges), item.load_edges
-    top = factor * float(np.nanmax(item.bins.rms, initial=0.0, where=np.isfinite(item.bins.rms)))
+    top = factor * (top or largest_rms(item))
     traces: list[dict[str, Any]] = []
     for place, k in (("", 0), ("2", 2)):
         details = np.stack([factor * item.bins.mean[k], 100.0 * item.bins.share[k], item.bins.count[k]])
@@ -147,10 +150,15 @@ def heat_figure(item: SpeedLoadMap, unit: str, model: str = "", height: int = 33
                        "marker": cross, "xaxis": f"x{place}", "yaxis": f"y{place}", "hoverinfo": "skip",
                        "showlegend": False})  # fmt: skip
     title = "RMS error over speed and load" + (f", {model}" if model else "")
-    result = layout(title, height)
+    result = layout(title, height, margin={"l": 56, "r": 14, "t": 44, "b": 44})
     ticks = {**_log_ticks(float(x[0]), float(x[-1])), "showgrid": False}
     result["xaxis"] = axis("backward, rad/s", domain=[0.0, 0.47], **ticks)
     result["xaxis2"] = axis("forward, rad/s", domain=[0.53, 1.0], **ticks)
     result["yaxis"] = axis("joint torque, N m", showgrid=False)
     result["yaxis2"] = axis("", anchor="x2", matches="y", showticklabels=False, showgrid=False)
     return {"data": traces, "layout": result}
+
+
+def largest_rms(item: SpeedLoadMap) -> float:
+    """Largest RMS of a map's bins, unit of the channel; 0 if all are empty."""
+    return float(np.max(item.bins.rms, initial=0.0, where=np.isfinite(item.bins.rms)))

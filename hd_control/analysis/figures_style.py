@@ -71,7 +71,7 @@ def axis(title: str, **more: Any) -> dict[str, Any]:
 
 
 def layout(title: str, height: int, **more: Any) -> dict[str, Any]:
-    """Layout of the house style: title above, legend below the title, no wasted margin."""
+    """Layout of the house style: title above, legend of up to two rows below the title."""
     left = {"x": 0.0, "xanchor": "left"}
     return {
         "title": {
@@ -88,7 +88,7 @@ def layout(title: str, height: int, **more: Any) -> dict[str, Any]:
         "paper_bgcolor": "white",
         "plot_bgcolor": "white",
         "height": height,
-        "margin": {"l": 56, "r": 14, "t": 68, "b": 44},
+        "margin": {"l": 56, "r": 14, "t": 82, "b": 44},
         "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "font": {"size": 11}, **left},
         "hoverlabel": {"font": {"family": FONT}},
         **more,

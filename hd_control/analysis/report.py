@@ -9,7 +9,7 @@ from pathlib import Path
 
 from hd_control.analysis.condition_maps import LEAST_EFFECTIVE, UNITS, ChannelMaps
 from hd_control.analysis.figures_ladder import confidence_figure, horizon_figure, ladder_figure
-from hd_control.analysis.figures_maps import heat_figure, map_figure
+from hd_control.analysis.figures_maps import heat_figure, largest_rms, map_figure
 from hd_control.analysis.figures_orders import order_figure
 from hd_control.analysis.figures_overlay import overlay_figure
 from hd_control.analysis.figures_style import CHANNELS, Figure, shown_unit
@@ -138,11 +138,7 @@ def _channel(channel: ChannelPage, figures: Figures) -> str:
     shown, rest = _ordered(maps)
     curves = [figures.place(f) for f in _map_figures(channel, shown, unit)]
     more = [figures.place(f) for f in _map_figures(channel, rest, unit)]
-    heats = [
-        figures.place(heat_figure(m.speed_load, unit, model if len(channel.maps) > 1 else ""))
-        for model, m in channel.maps.items()
-        if m.speed_load is not None
-    ]
+    heats = [figures.place(figure) for figure in _heat_figures(channel, unit)]
     return card(
         f"<h3>{escape(name[0].upper() + name[1:])}</h3>",
         paragraph(sentence(maps, channel.models[first].noise_floor), "finding"),
@@ -170,6 +166,13 @@ def _ordered(maps: ChannelMaps) -> tuple[list[str], list[str]]:
 
 def _map_figures(channel: ChannelPage, names: list[str], unit: str) -> list[Figure]:
     return [map_figure({m: maps.maps[v] for m, maps in channel.maps.items() if v in maps.maps}, unit) for v in names]
+
+
+def _heat_figures(channel: ChannelPage, unit: str) -> list[Figure]:
+    """One for each model, all with the same colours."""
+    found = {model: maps.speed_load for model, maps in channel.maps.items() if maps.speed_load is not None}
+    top = max((largest_rms(item) for item in found.values()), default=0.0)
+    return [heat_figure(item, unit, model if len(found) > 1 else "", top) for model, item in found.items()]
 
 
 def _orders(channel: ChannelPage, unit: str, figures: Figures) -> str:
