@@ -15,7 +15,10 @@ from hd_control.analysis.hunt import Task, known_candidates, prepare
 from hd_control.analysis.joint_states import BoolArray
 from hd_control.analysis.noise import Noise
 from hd_control.analysis.scores import Scores
-from hd_control.drive.effect import TRANSMISSION, UNITS
+from hd_control.drive.effect import UNITS
+
+
+NUISANCES = ("transmission_zero", "fast_torque", "joint_delay", "torque_delay", "command_delay")
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,8 @@ def noises_of(task: Task) -> dict[str, Noise]:
 def compare(task: Task, written: FloatArray | None, noises: Mapping[str, Noise] | None = None) -> JointComparison:
     """Residuals of the model as written (coefficients of `joint_task.written_coefficients`) and refitted.
 
-    The assembly zero of the joint sensor is no property of a model: it is always refitted.
+    The assembly zero of the joint sensor, small delays between signals and the noise of the gauge in the fast torsion
+    are no properties of a model: they are always refitted.
     """
     noises = noises or noises_of(task)
     dictionary = build(task.equations, (), known_candidates(task), noises)
@@ -101,17 +105,27 @@ def compare(task: Task, written: FloatArray | None, noises: Mapping[str, Noise] 
     fit = Fit.of(dictionary, scores, ())
     raw = RawRows(dictionary, ())
     refitted = raw.residual(fit.coefficients)
-    residual = refitted if written is None else raw.residual(written)
+    residual = refitted if written is None else raw.residual(_with_nuisances(fit, written))
     found = {}
     for name, channel in task.equations.channels.items():
-        used = channel.valid
-        error = residual[name]
-        if name == TRANSMISSION and used.any():
-            error = error - error[used].mean()
+        floor = noises[name].deviation
         found[name] = ChannelComparison(
-            name, channel.time, used, channel.left, error, refitted[name], noises[name].deviation
+            name, channel.time, channel.fitted, channel.left, residual[name], refitted[name], floor
         )
     return JointComparison(task.equations.joint, found, dictionary, fit)
+
+
+def _with_nuisances(fit: Fit, written: FloatArray) -> FloatArray:
+    """The written coefficients (p,) with those of `NUISANCES` fitted beside them."""
+    dictionary, scores = fit.dictionary, fit.scores
+    free = np.array([i for i, (_, name) in enumerate(dictionary.base_names) if name in NUISANCES], dtype=np.int64)
+    held = np.setdiff1d(dictionary.base, free)
+    left = scores.gram_all[np.ix_(free, free)] + np.diag(scores.ridge[free])
+    scaled = written[held] * dictionary.norm[held]
+    right = scores.right_all[free] - scores.gram_all[np.ix_(free, held)] @ scaled
+    found = written.copy()
+    found[free] = np.linalg.solve(left, right) / dictionary.norm[free]
+    return found
 
 
 def _rms(x: FloatArray) -> float:

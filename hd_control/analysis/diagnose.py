@@ -10,6 +10,7 @@ import numpy as np
 
 from hd_control.analysis.channels import JointEquations
 from hd_control.analysis.confidence import confidence
+from hd_control.analysis.dictionary import Dictionary
 from hd_control.analysis.fit import Fit, RawRows
 from hd_control.analysis.gates import Coverage, Lack, coverage, lacks, unsupported
 from hd_control.analysis.groups import Group
@@ -35,13 +36,13 @@ from hd_control.analysis.verdict import (
 from hd_control.drive.effect import MOTOR, TRANSMISSION, UNITS
 
 
-def diagnose(task: Task) -> JointDiagnosis:
-    """The verdict on one joint."""
+def diagnose(task: Task, dictionary: Dictionary | None = None) -> JointDiagnosis:
+    """The verdict on one joint. `dictionary`: that of `hunt.prepare`, if it is there already."""
     start = time.process_time()
     found = coverage(task.equations)
     if _hopeless(task.equations, found):
         return _refusal(task, found, lacks(found), {}, time.process_time() - start)
-    search, selection = hunt(task)
+    search, selection = hunt(task, dictionary)
     if TRANSMISSION in task.equations.channels:
         error = Fit.of(search.dictionary, search.scores, selection).relative_error(TRANSMISSION, "torsional_compliance")
         found = replace(found, compliance_error=error)

@@ -281,7 +281,10 @@ def _noise(channel: Channel, raw: FloatArray) -> Noise:
         unseen[rows] = y[rows] - x[rows] @ np.linalg.solve(gram - grams[f + 1], right - rights[f + 1])
     residual = np.sign(seen) * np.sqrt(np.abs(seen * unseen))
     noise = fit_noise(residual, channel.valid)
-    return noise.scaled_on(residual, noise.usable(channel.valid) & use)
+    noise = noise.scaled_on(residual, noise.usable(channel.valid) & use)
+    count = int(use.sum())
+    freedom = max(count - scale.size, count // 4)
+    return noise.with_deviation(seen[use], float(np.sqrt(count / max(freedom, 1))))
 
 
 def _rows(channel: Channel, noise: Noise, raw: FloatArray, index: IntArray) -> Rows:

@@ -75,6 +75,21 @@ class Fit:
         compliance = self.base(TRANSMISSION, "torsional_compliance")
         return 1.0 / compliance if compliance and compliance > 0.0 else float("nan")
 
+    @property
+    def coulomb_torque(self) -> float:
+        """N m; NaN without a rotor balance."""
+        return _or_nan(self.base(MOTOR, "coulomb_friction"))
+
+    @property
+    def viscous(self) -> float:
+        """N m s; NaN without a rotor balance."""
+        return _or_nan(self.base(MOTOR, "viscous_friction"))
+
+    @property
+    def transmission_zero(self) -> float:
+        """rad; NaN without a transmission channel."""
+        return _or_nan(self.base(TRANSMISSION, "transmission_zero"))
+
     def relative_error(self, channel: str, name: str) -> float:
         """Half-width of the 95 % interval of a base coefficient over its value, for white noise."""
         i = self.dictionary.base_index(channel, name)
@@ -121,6 +136,10 @@ class Fit:
         """Whitened residual (rows,) by channel."""
         scaled = self.coefficients * self.dictionary.norm
         return {name: part.left - part.columns @ scaled[part.index] for name, part in self.dictionary.rows.items()}
+
+
+def _or_nan(value: float | None) -> float:
+    return float("nan") if value is None else value
 
 
 def index_of(dictionary: Dictionary, selection: Sequence[Group]) -> IntArray:

@@ -68,9 +68,9 @@ def known_candidates(task: Task) -> list[Candidate]:
     ]
 
 
-def hunt(task: Task) -> tuple[Search, Selection]:
-    """The search in its last state, and what it selected."""
-    chase = _Chase(task, prepare(task))
+def hunt(task: Task, dictionary: Dictionary | None = None) -> tuple[Search, Selection]:
+    """The search in its last state, and what it selected. `dictionary`: that of `prepare`, if it is there already."""
+    chase = Chase(task, prepare(task) if dictionary is None else dictionary)
     chase.rescale(())
     selection = chase.search.run()
     if selection and chase.mend_noise(selection):
@@ -92,8 +92,10 @@ def hunt(task: Task) -> tuple[Search, Selection]:
     return chase.search, selection
 
 
-class _Chase:
+class Chase:
     """The dictionary as it is mended, with its scores and search."""
+
+    search: Search
 
     def __init__(self, task: Task, dictionary: Dictionary) -> None:
         self.task, self.dictionary = task, dictionary

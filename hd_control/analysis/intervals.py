@@ -61,6 +61,11 @@ class Bootstrap:
 
     def parameters(self, group: Group, default: Context) -> dict[str, Interval]:
         """Physical parameters of a selected effect with intervals."""
+        best = self.fit.parameters(group, default)
+        return {name: interval_of(best[name], draws) for name, draws in self.draws_of(group, default).items()}
+
+    def draws_of(self, group: Group, default: Context) -> dict[str, FloatArray]:
+        """Draws (draws,) of the physical parameters of a selected effect."""
         assert group.effect is not None
         best = self.fit.parameters(group, default)
         draws: dict[str, list[float]] = {name: [] for name in best}
@@ -73,7 +78,7 @@ class Bootstrap:
             moved = Group(group.name, group.index, group.channels, group.effect, shape)
             for name, value in fit.parameters(moved, default).items():
                 draws[name].append(value)
-        return {name: _interval(best[name], np.array(values)) for name, values in draws.items()}
+        return {name: np.array(values) for name, values in draws.items()}
 
     def base(self, name: str) -> FloatArray:
         """Draws (draws,) of a number of the base: an attribute of Fit."""
@@ -86,7 +91,8 @@ def _inside(value: float, change: float) -> float:
     return float(np.clip(value + change, value / 3.0, value * 3.0)) if value > 0.0 else value + change
 
 
-def _interval(value: float, draws: FloatArray) -> Interval:
+def interval_of(value: float, draws: FloatArray) -> Interval:
+    """95 % interval of a value from draws (draws,), centred on the value."""
     low, high = np.quantile(draws[np.isfinite(draws)], [0.025, 0.975]) if np.isfinite(draws).any() else (value, value)
     centre = float(np.median(draws)) if np.isfinite(draws).all() else value
     return Interval(value, float(value + low - centre), float(value + high - centre))

@@ -78,7 +78,7 @@ def written_coefficients(dictionary: Dictionary, joint: JointModel, context: Con
         (TRANSMISSION, "torsional_compliance"): compliance,
         (TRANSMISSION, "torsional_damping"): damping,
         (TRANSMISSION, "transmission_zero"): joint.number("torsional_stiffness", "transmission_zero"),
-        (LINK, "drive_torque"): 1.0 / joint.number("link_dynamics", "inertia_scale", 1.0),
+        (LINK, "drive_torque"): 1.0,  # the nominal link terms hold the inertia scale already
     }
     coefficients = np.zeros(dictionary.size)
     for i, name in enumerate(dictionary.base_names):

@@ -42,6 +42,12 @@ class Noise:
         inside = white < 4.0 * 1.4826 * np.median(white)
         return self.divided(1.0 / max(float(np.sqrt(np.mean(white[inside] ** 2))), 1e-6))
 
+    def with_deviation(self, residual: FloatArray, factor: float) -> Noise:
+        """The same with the standard deviation of a residual, its largest 0.5 % left out, times a factor."""
+        inside = np.abs(residual) <= np.quantile(np.abs(residual), 0.995) if residual.size else residual
+        level = float(np.sqrt(np.mean(residual[inside] ** 2))) if residual.size else self.deviation
+        return Noise(self.lags, self.scale, factor * level)
+
     def usable(self, valid: BoolArray) -> BoolArray:
         """Rows whose whole filter history is valid."""
         bad = np.concatenate([[0], np.cumsum(~valid)])

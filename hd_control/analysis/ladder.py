@@ -1,0 +1,196 @@
+"""The ladder: diagnose, add the most important effect, look at data that were not used for the fit, again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from hd_control.analysis.adding import FittedJoint, fit_joint
+from hd_control.analysis.compare import JointComparison, compare, noises_of
+from hd_control.analysis.diagnose import diagnose
+from hd_control.analysis.hunt import Task, prepare
+from hd_control.analysis.joint_task import written_coefficients
+from hd_control.analysis.link_function import LinkSide
+from hd_control.analysis.noise import Noise
+from hd_control.analysis.signals import JointSignals, Recording
+from hd_control.analysis.verdict import ADEQUATE, CANNOT_TELL, UNKNOWN, JointDiagnosis
+from hd_control.analysis.workbench import joint_task
+from hd_control.core.errors import HdError
+from hd_control.drive.effect import UNITS
+from hd_control.drive.model import Model
+
+GIVEN, REFIT = "as given", "refit"
+"""First rungs: the model as it is, and with its own values fitted again."""
+LIMIT = 6
+FLOOR_REACHED = 1.05
+ROSE = 1.01
+
+
+@dataclass(frozen=True)
+class Split:
+    """What is used for fitting and what for judging: two recordings, or two parts of one."""
+
+    train: Recording
+    held_out: Recording
+
+
+@dataclass(frozen=True)
+class LadderRung:
+    """One rung: errors RMS by channel, train and held out, in the channel's unit, and the model it belongs to."""
+
+    effect: str
+    parameters_count: int
+    train: Mapping[str, float]
+    held_out: Mapping[str, float]
+    floor: Mapping[str, float]
+    model: Model
+    added: FittedJoint | None = None
+
+    def ratio(self, channel: str) -> float:
+        """Held-out error over the noise floor."""
+        return self.held_out[channel] / self.floor[channel] if self.floor.get(channel) else float("nan")
+
+
+@dataclass(frozen=True)
+class JointLadder:
+    """The rungs of a joint, why it ended, the last diagnosis, and the channel that the headline errors are of."""
+
+    joint: str
+    rungs: tuple[LadderRung, ...]
+    stopped_because: str
+    diagnosis: JointDiagnosis | None
+    channel: str
+
+    @property
+    def model(self) -> Model:
+        """The model of the last rung."""
+        return self.rungs[-1].model
+
+    def json(self) -> dict[str, Any]:
+        """The form of `hd.ladder/1`."""
+        rungs = [
+            {
+                "effect": rung.effect,
+                "parameters_count": rung.parameters_count,
+                "error_train": rung.train.get(self.channel),
+                "error_held_out": rung.held_out.get(self.channel),
+                "noise_floor": rung.floor.get(self.channel),
+                "model_sha256": rung.model.sha256,
+                "channels": {
+                    name: {
+                        "unit": UNITS[name],
+                        "error_train": rung.train.get(name),
+                        "error_held_out": error,
+                        "noise_floor": rung.floor[name],
+                    }
+                    for name, error in rung.held_out.items()
+                },
+            }
+            for rung in self.rungs
+        ]
+        unit = UNITS.get(self.channel, "")
+        return {"channel": self.channel, "unit": unit, "rungs": rungs, "stopped_because": self.stopped_because}
+
+
+class _Judge:
+    """Compares models of one joint on one recording; the noise is estimated once, with the refitted model."""
+
+    def __init__(self, recording: Recording, refitted: Model, joint: str) -> None:
+        self.recording, self.joint = recording, joint
+        self.noises = noises_of(self._task(refitted))
+
+    def _task(self, model: Model) -> Task:
+        return joint_task(self.recording, model, self.joint, LinkSide(model, self.recording.joints))
+
+    def compare(self, model: Model) -> JointComparison:
+        """The model as written; only the assembly zero is fitted."""
+        return compare_written(self._task(model), model, self.joint, self.noises)
+
+
+def compare_written(task: Task, model: Model, joint: str, noises: Mapping[str, Noise]) -> JointComparison:
+    """The model as written and refitted on a task of its own."""
+    first = compare(task, None, noises)
+    return compare(task, written_coefficients(first.dictionary, model.joint(joint), task.context), noises)
+
+
+def split_recording(recording: Recording, share: float = 0.7) -> Split:
+    """The first part of a recording for fitting, the rest for judging."""
+    cut = {name: round(share * joint.time.size) for name, joint in recording.joints.items()}
+    return Split(_part(recording, cut, True), _part(recording, cut, False))
+
+
+def climb(split: Split, model: Model, joint: str, limit: int = LIMIT) -> JointLadder:
+    """The ladder of one joint. Raises HdError if the signals allow no residual channel."""
+    task = joint_task(split.train, model, joint, LinkSide(model, split.train.joints))
+    fitted = fit_joint(task, model.joint(joint))
+    refitted = _with(model, joint, fitted)
+    judges = _Judge(split.train, refitted, joint), _Judge(split.held_out, refitted, joint)
+    rungs = [_rung(judges, GIVEN, model, joint), _rung(judges, REFIT, refitted, joint, fitted)]
+    channel = max(rungs[-1].held_out, key=rungs[-1].ratio, default="")
+    diagnosis: JointDiagnosis | None = None
+    for _ in range(limit):
+        current = rungs[-1].model
+        task = joint_task(split.train, current, joint, LinkSide(current, split.train.joints))
+        dictionary = prepare(task)
+        diagnosis = diagnose(task, dictionary)
+        reason = _nothing_to_add(diagnosis)
+        if reason:
+            return JointLadder(joint, tuple(rungs), _floor(rungs[-1]) or reason, diagnosis, channel)
+        effect = diagnosis.effects[0]
+        try:
+            fitted = fit_joint(task, current.joint(joint), effect.name, dictionary)
+        except HdError as error:
+            return JointLadder(joint, tuple(rungs), str(error), diagnosis, channel)
+        rung = _rung(judges, effect.name, _with(current, joint, fitted), joint, fitted)
+        if rung.held_out[effect.channel] > ROSE * rungs[-1].held_out[effect.channel]:
+            reason = f"{effect.name} raised the held-out error of {effect.channel}; it was left out"
+            return JointLadder(joint, tuple(rungs), reason, diagnosis, channel)
+        if len(rungs) == 2:
+            channel = effect.channel
+        rungs.append(rung)
+    return JointLadder(joint, tuple(rungs), f"limit of {limit} effects reached", diagnosis, channel)
+
+
+def _nothing_to_add(diagnosis: JointDiagnosis) -> str:
+    if diagnosis.verdict == ADEQUATE:
+        return "no further effect is supported by the data"
+    if diagnosis.verdict == CANNOT_TELL:
+        return "the recording cannot tell what else is missing"
+    if diagnosis.verdict == UNKNOWN and diagnosis.unknown is not None:
+        return f"only something unknown is left: {diagnosis.unknown.evidence}"
+    return ""
+
+
+def _floor(rung: LadderRung) -> str:
+    reached = rung.held_out and all(rung.ratio(name) <= FLOOR_REACHED for name in rung.held_out)
+    return f"noise floor reached: held-out errors within {100 * (FLOOR_REACHED - 1):.0f} % of it" if reached else ""
+
+
+def _rung(
+    judges: tuple[_Judge, _Judge], effect: str, model: Model, joint: str, added: FittedJoint | None = None
+) -> LadderRung:
+    train, held = (judge.compare(model) for judge in judges)
+    count = sum(len(values) for values in model.joint(joint).effects.values())
+    errors = [{name: channel.rms_error for name, channel in found.channels.items()} for found in (train, held)]
+    floor = {name: channel.noise_floor for name, channel in held.channels.items()}
+    return LadderRung(effect, count, errors[0], errors[1], floor, model, added)
+
+
+def _with(model: Model, joint: str, fitted: FittedJoint) -> Model:
+    return replace(model, joints={**model.joints, joint: fitted.model})
+
+
+def _part(recording: Recording, cut: Mapping[str, int], first: bool) -> Recording:
+    joints = {}
+    for name, joint in recording.joints.items():
+        rows = slice(None, cut[name]) if first else slice(cut[name], None)
+        joints[name] = _cut(joint, rows)
+    return replace(recording, joints=joints)
+
+
+def _cut(joint: JointSignals, rows: slice) -> JointSignals:
+    """Some samples of a joint, its time from zero."""
+    columns: dict[str, Any] = {name: getattr(joint, name)[rows] for name in joint.present}
+    time = joint.time[rows]
+    return replace(joint, time=time - time[:1].sum(), valid=joint.valid[rows], **columns)
