@@ -27,7 +27,11 @@ from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
 
 COMPOSITIONS = ("comparison", "tau_0", "tau_1", "tau_2", "all")
 LOAD_SOURCES = ("position", "required")
-SHARED = ("joint_names", "gear_ratio", "torsional_stiffness", "rotor_inertia", "motor_torque_limit")
+SHARED = (
+    *("joint_names", "rate_source", "derivative_cutoff"),
+    *("gear_ratio", "torsional_stiffness", "rotor_inertia", "motor_torque_limit"),
+)
+HYSTERESIS_SOURCES = ("measured", "wanted")
 KINEMATIC = tuple(
     f"kinematic_{kind}_{n}" for kind in ("cosine", "sine") for n in range(1, torque_adaptive.HARMONICS + 1)
 )
@@ -49,7 +53,17 @@ OWN = (
     Parameter(
         "load_source", "load: function of the wanted position, or required torque", kind=str, choices=LOAD_SOURCES
     ),
+    Parameter(
+        "hysteresis_source",
+        "hysteresis torque from the measured torsion (fine sensors), or from the wanted torque",
+        kind=str,
+        choices=HYSTERESIS_SOURCES,
+    ),
     LINK_INERTIA,
+    _joint("stiffness_cubic", "cubic part of the spring; 0 in the law of the paper", "N m/rad^3", "m_2", "chosen"),
+    _joint("stiffness_quintic", "quintic part of the spring", "N m/rad^5", "m_3", "chosen"),
+    _joint("rotor_coulomb", "Coulomb friction of the rotor, fed forward; 0 in the paper", "N m", "", "chosen"),
+    _joint("friction_speed", "wanted speed at which tanh feeds 76 % of it forward", "rad/s", "", "chosen", above=True),
     _joint("rotor_damping", "viscous damping of the rotor, output side", "N m s", "N² B_m", TABLE),
     _joint("link_damping", "viscous damping of the link", "N m s", "B_l", TABLE),
     _joint("hysteresis_stiffness", "slope of the hysteresis torque after a reversal", "N m/rad", "A", TABLE),
@@ -100,13 +114,16 @@ def fast_gain(
 
 
 def configure(values: Mapping[str, Any], robot: object, dt: float) -> Block:
-    """Parameter block. `robot` and `dt` are not needed. Raises ConfigError with every problem."""
+    """Parameter block. `robot` is not needed. Raises ConfigError with every problem."""
     own = {name: values[name] for name in PARAMETERS.names if name in values}
     joints = len(own.get("joint_names", ()))
     PARAMETERS.check(own, joints)
     numbers: dict[str, Any] = {name: own[name] for name in layout("ManifoldParams", 1).slices if name in own}
     numbers["composition"] = COMPOSITIONS.index(own["composition"])
     numbers["load_source"] = LOAD_SOURCES.index(own["load_source"])
+    numbers["hysteresis_source"] = HYSTERESIS_SOURCES.index(own["hysteresis_source"])
+    numbers["error_filter"] = float(own["rate_source"] == "error_filter")
+    numbers["derivative_pole"] = _torque.derivative_pole(own["derivative_cutoff"], dt)
     numbers["position_gain"], numbers["damping_gain"] = own["tracking_gain"], own["tracking_damping"]
     numbers["fast_gain"] = [
         fast_gain(*row)

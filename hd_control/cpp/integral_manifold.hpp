@@ -71,6 +71,17 @@ struct ManifoldStep {
         return m.motor - m.joint + transmission(p.gear_ratio[j] * m.motor, cosine(), sine()).value;
     }
 
+    // Spring without hysteresis, its slope and the slope of that: (5).
+    double spring(double x) const {
+        const double s = x * x;
+        return x * (p.torsional_stiffness[j] + s * (p.stiffness_cubic[j] + s * p.stiffness_quintic[j]));
+    }
+    double tangent(double x) const {
+        const double s = x * x;
+        return p.torsional_stiffness[j] + s * (3.0 * p.stiffness_cubic[j] + s * 5.0 * p.stiffness_quintic[j]);
+    }
+    double bend(double x) const { return x * (6.0 * p.stiffness_cubic[j] + 20.0 * p.stiffness_quintic[j] * x * x); }
+
     // Exact solution of (10) for a torsion that moves monotonically by `way` from the hysteresis torque h.
     double moved_hysteresis(double h, double way) const {
         const double rate = p.hysteresis_rate[j], A = p.hysteresis_stiffness[j];
@@ -81,19 +92,21 @@ struct ManifoldStep {
 
     // At the start the gauge tells it, within what the hysteresis can hold.
     double first_hysteresis(double joint_torque, double torsion) const {
-        const double rest = joint_torque - p.torsional_stiffness[j] * torsion;
+        const double rest = joint_torque - spring(torsion);
         if (p.hysteresis_rate[j] == 0.0 || !std::isfinite(rest)) return 0.0;
         const double most = p.hysteresis_stiffness[j] / p.hysteresis_rate[j];
         return std::min(std::max(rest, -most), most);
     }
 
+    double friction(double speed) const { return p.rotor_coulomb[j] * std::tanh(speed / p.friction_speed[j]); }
+
     // The law's own model of the joint, for the prediction.
-    JointMotion model(const JointMotion& m, double u, double load, double from, double h) const {
+    JointMotion model(const JointMotion& m, double u, double load, double from, double h, double friction) const {
         const Transmission t = transmission(p.gear_ratio[j] * m.motor, cosine(), sine());
         const double now = m.motor - m.joint + t.value;
-        const double torque = p.torsional_stiffness[j] * now + moved_hysteresis(h, now - from);
+        const double torque = spring(now) + moved_hysteresis(h, now - from);
         const double Y = 1.0 + p.gear_ratio[j] * t.slope;
-        return {m.motor_rate, (u - Y * torque - p.rotor_damping[j] * m.motor_rate) / p.rotor_inertia[j], m.joint_rate,
+        return {m.motor_rate, (u - Y * torque - p.rotor_damping[j] * m.motor_rate - friction) / p.rotor_inertia[j], m.joint_rate,
                 (torque - load - p.link_damping[j] * m.joint_rate) / p.link_inertia[j]};
     }
 
@@ -109,8 +122,10 @@ struct ManifoldStep {
         for (int i = 0; i < steps; ++i) {
             const double from = torsion(m), t = i * s;
             const double L0 = want.later(t).load, L1 = want.later(t + s / 2).load, L2 = want.later(t + s).load;
-            const JointMotion a = model(m, u, L0, from, h), b = model(along(m, a, s / 2), u, L1, from, h);
-            const JointMotion c = model(along(m, b, s / 2), u, L1, from, h), d = model(along(m, c, s), u, L2, from, h);
+            const double f = friction(want.r1);
+            const JointMotion a = model(m, u, L0, from, h, f), b = model(along(m, a, s / 2), u, L1, from, h, f);
+            const JointMotion c = model(along(m, b, s / 2), u, L1, from, h, f);
+            const JointMotion d = model(along(m, c, s), u, L2, from, h, f);
             m = along(along(along(along(m, a, s / 6), b, s / 3), c, s / 3), d, s / 6);
             h = moved_hysteresis(h, torsion(m) - from);
         }
@@ -118,7 +133,7 @@ struct ManifoldStep {
 
     // (26)-(30), (49), (50) and the derivatives of h_0 on the manifold.
     void composite(const JointMotion& m, double h, const Wanted& w, ManifoldOutput& out) const {
-        const double N = p.gear_ratio[j], K = p.torsional_stiffness[j], K1 = p.perturbation_stiffness[j];
+        const double N = p.gear_ratio[j], K1 = p.perturbation_stiffness[j], x = torsion(m), K = tangent(x);
         const double Jm = p.rotor_inertia[j] / (N * N), Jl = p.link_inertia[j], Bl = p.link_damping[j];
         const double Lambda = p.position_gain[j], KD = p.fast_gain[j], eps = std::sqrt(K1 / K), q = -h;
         const Transmission t = transmission(N * m.motor, cosine(), sine());
@@ -138,17 +153,20 @@ struct ManifoldStep {
         const double side = s1 > 0.0 ? 1.0 : (s1 < 0.0 ? -1.0 : 0.0), alpha = p.hysteresis_rate[j];
         const double den = 1.0 + (p.hysteresis_stiffness[j] + alpha * q * side) / K;
         const double h1 = s1 / den, q_rate = -(alpha * q * std::fabs(h1) + p.hysteresis_stiffness[j] * h1) / K;
-        const double h2 = s2 / den - s1 * alpha * q_rate * side / (K * den * den);
+        const double K_rate = bend(x) * h1 / K;
+        const double den_rate = alpha * q_rate * side / K - (den - 1.0) * K_rate / K;
+        const double h2 = s2 / den - s1 * den_rate / (den * den);
         const double C1 = K1 * Yp / Jm;
         out.manifold_torque[j] = Jl * accel + Bl * v + w.load + q;
         out.manifold_torque_rate[j] = h1;
         out.manifold_torque_acceleration[j] = h2;
         const double order = p.composition[0];
         out.damping_term[j] = p.rotor_damping[j] * m.motor_rate;
+        out.friction_term[j] = friction(w.r1);
         out.fast_term[j] = N * KD * eps * K * (v - Yp * rotor_rate);
         out.slow_term_0[j] = N * tau0;
         out.slow_term_1[j] = order < 2.0 ? 0.0 : N * eps * KD * h1;
-        out.slow_term_2[j] = order < 3.0 ? 0.0 : N * eps * eps * (c * 2.0 * v / K1 * h1 + h2 / C1);
+        out.slow_term_2[j] = order < 3.0 ? 0.0 : N * eps * eps * (c * 2.0 * v / K1 * h1 + (h2 - h1 * K_rate / K) / C1);
         out.slow_term_4[j] = order < 4.0 ? 0.0 : N * std::pow(eps, 4) * c * h1 * h1 / (K1 * K1);
     }
 
@@ -158,101 +176,12 @@ struct ManifoldStep {
         const double e = m.joint - w.r, e1 = m.joint_rate - w.r1;
         const double fast = p.fast_gain[j] * std::sqrt(p.perturbation_stiffness[j] / K) * K;
         out.damping_term[j] = p.rotor_damping[j] * m.motor_rate;
+        out.friction_term[j] = friction(w.r1);
         out.fast_term[j] = N * fast * (m.joint_rate - m.motor_rate);
         out.slow_term_0[j] = (p.link_inertia[j] + p.rotor_inertia[j]) * (w.r2 - Lambda * e1) +
                              p.link_damping[j] * (w.r1 - Lambda * e) - p.damping_gain[j] * (e1 + Lambda * e) + w.load;
         out.slow_term_1[j] = out.slow_term_2[j] = out.slow_term_4[j] = 0.0;
     }
 };
-
-inline Wanted wanted(const ManifoldReference& ref, int j) {
-    return {ref.desired_position[j], ref.desired_velocity[j], ref.desired_acceleration[j],
-            ref.desired_jerk[j],     ref.desired_snap[j],     ref.load_torque[j],
-            ref.load_rate[j],        ref.load_acceleration[j]};
-}
-
-// One joint, one sample. A joint whose inputs give no finite torque says so and keeps its memory as it was.
-inline void manifold_joint(const ManifoldParams& p, ManifoldState& state, const TorqueSample& in, const Wanted& want,
-                           ManifoldOutput& out, int j, double T) {
-    const ManifoldStep law{p, j};
-    JointMotion m{in.motor_position[j], in.motor_velocity[j], in.joint_position[j], in.joint_velocity[j]};
-    const bool first = state.started[j] == 0.0;
-    const double torsion = law.torsion(m);
-    const double now = first ? law.first_hysteresis(in.joint_torque[j], torsion)
-                             : law.moved_hysteresis(state.hysteresis_torque[j], torsion - state.torsion_last[j]);
-    double h = now;
-    out.position_error[j] = m.joint - want.r;
-    const double ahead = p.prediction_samples[0] * T;
-    Wanted there = want;
-    if (ahead > 0.0 && !first) law.predict(m, h, state.motor_torque_last[j], want, ahead);
-    if (ahead > 0.0) there = want.later(ahead);
-    out.hysteresis_torque[j] = h;
-    out.predicted_joint_position[j] = m.joint;
-    out.predicted_motor_position[j] = m.motor;
-    out.manifold_torque[j] = out.manifold_torque_rate[j] = out.manifold_torque_acceleration[j] = 0.0;
-    if (p.composition[0] == 0.0) {
-        law.comparison(m, there, out);
-    } else {
-        law.composite(m, h, there, out);
-    }
-    const double u = out.damping_term[j] + out.fast_term[j] + out.slow_term_0[j] + out.slow_term_1[j] +
-                     out.slow_term_2[j] + out.slow_term_4[j];
-    const double limit = p.motor_torque_limit[j];
-    out.motor_torque[j] = u != u ? u : std::min(std::max(u, -limit), limit);
-    out.saturation_torque[j] = out.motor_torque[j] - u;
-    if (!std::isfinite(u) || !std::isfinite(now)) return;
-    state.started[j] = 1.0;
-    state.hysteresis_torque[j] = now;
-    state.torsion_last[j] = torsion;
-    state.motor_torque_last[j] = out.motor_torque[j];
-}
-
-inline void manifold_step(const ManifoldParams& p, ManifoldState& state, const TorqueSample& in,
-                          const ManifoldReference& ref, ManifoldOutput& out, int joints, double T) {
-    for (int j = 0; j < joints; ++j) manifold_joint(p, state, in, wanted(ref, j), out, j, T);
-}
-
-// Reference of the chain: position, velocity and required torque. Their derivatives are backward differences of the
-// highest order that the history allows; they are exact for the polynomial that the trajectory is made of.
-inline Wanted wanted_from_history(const ManifoldParams& p, ManifoldState& state, const TorqueReference& ref, int j,
-                                  double T) {
-    const double v = ref.desired_velocity[j], L = ref.joint_torque_required[j];
-    if (state.started[j] == 0.0) {
-        state.velocity_1[j] = state.velocity_2[j] = state.velocity_3[j] = v;
-        state.required_1[j] = state.required_2[j] = L;
-    }
-    const double v1 = state.velocity_1[j], v2 = state.velocity_2[j], v3 = state.velocity_3[j];
-    const double L1 = state.required_1[j], L2 = state.required_2[j];
-    Wanted w{ref.desired_position[j],
-             v,
-             (11 * v - 18 * v1 + 9 * v2 - 2 * v3) / (6 * T),
-             (2 * v - 5 * v1 + 4 * v2 - v3) / (T * T),
-             (v - 3 * v1 + 3 * v2 - v3) / (T * T * T),
-             0.0,
-             0.0,
-             0.0};
-    if (p.load_source[0] == 0.0) {
-        const double c = std::cos(w.r), s = std::sin(w.r);
-        const double slope = p.load_sine[j] * c - p.load_cosine[j] * s,
-                     bend = -(p.load_cosine[j] * c + p.load_sine[j] * s);
-        w.load = p.load_constant[j] - bend;
-        w.load1 = slope * w.r1;
-        w.load2 = slope * w.r2 + bend * w.r1 * w.r1;
-    } else {
-        w.load = L;
-        w.load1 = (3 * L - 4 * L1 + L2) / (2 * T);
-        w.load2 = (L - 2 * L1 + L2) / (T * T);
-    }
-    if (std::isfinite(v) && std::isfinite(L)) {
-        state.velocity_3[j] = v2, state.velocity_2[j] = v1, state.velocity_1[j] = v;
-        state.required_2[j] = L1, state.required_1[j] = L;
-    }
-    return w;
-}
-
-inline void manifold_chain_step(const ManifoldParams& p, ManifoldState& state, const TorqueSample& in,
-                                const TorqueReference& ref, ManifoldOutput& out, int joints, double T) {
-    for (int j = 0; j < joints; ++j) manifold_joint(p, state, in, wanted_from_history(p, state, ref, j, T), out, j, T);
-}
 
 }  // namespace hd

@@ -6,7 +6,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "integral_manifold.hpp"
+#include "integral_manifold_step.hpp"
 #include "torque_feedback.hpp"
 
 namespace py = pybind11;

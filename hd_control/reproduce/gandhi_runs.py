@@ -98,6 +98,7 @@ def law_values(c: Constants, experiment: Experiment) -> dict[str, Any]:
     numbers |= c.values("perturbation_stiffness", "tracking_gain", "tracking_damping", "fast_damping_ratio")
     numbers |= {"rotor_inertia": square * c["rotor_inertia"], "rotor_damping": square * c["rotor_damping"]}
     numbers |= {"torsional_stiffness": c["stiffness_linear"], "motor_torque_limit": UNLIMITED}
+    numbers |= {"stiffness_cubic": 0.0, "stiffness_quintic": 0.0, "rotor_coulomb": 0.0, "friction_speed": 1.0}
     numbers |= {"load_constant": 0.0, "load_cosine": 0.0, "load_sine": 0.0}
     series = turned(np.array(c["kinematic_cosine"]), np.array(c["kinematic_sine"]), experiment.phase)
     for kind, column in zip(("cosine", "sine"), series, strict=True):
@@ -105,6 +106,7 @@ def law_values(c: Constants, experiment: Experiment) -> dict[str, Any]:
     numbers |= dict(experiment.law)
     values: dict[str, Any] = {name: [float(number)] for name, number in numbers.items()}
     values |= {"joint_names": [JOINT], "composition": experiment.composition, "load_source": "position"}
+    values |= {"rate_source": "plain", "derivative_cutoff": c["rate_cutoff"], "hysteresis_source": "measured"}
     return values | {"prediction_samples": experiment.prediction}
 
 

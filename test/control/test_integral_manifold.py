@@ -97,6 +97,35 @@ def test_its_second_rate_is_exact_where_the_joint_follows_the_reference(joint, r
         assert here.manifold_torque_acceleration.item() == pytest.approx(slope, rel=1e-4, abs=0.05)
 
 
+def test_the_rates_hold_with_a_polynomial_spring(joint, rng):
+    """The tangent at the torsion takes the place of K; here the wind-up follows from h_0 by the plant's own spring."""
+    cubic, quintic, step = 1e8, 1e13, 1e-6
+    spring = {"stiffness_cubic": [cubic], "stiffness_quintic": [quintic]}
+    for _ in range(40):
+        m, _, _, _, q, t = draw(rng)
+        wind, want = rng.uniform(-2e-3, 2e-3), reference_at(t)
+        ends = []
+        joint.K = 1e4 + 3 * cubic * wind**2 + 5 * quintic * wind**4
+        link = wind + m / N - joint.theta_p(m)
+        here = ask(joint, m, link, want[1], 0.0, q, np.array([link, *want[1:]]), **spring)
+        h1 = here.manifold_torque_rate.item()
+        rates = joint.slow_rates(m, link, want[1], q, (link, *want[1:3], want[5]), h1)
+        for sign in (-1.0, 1.0):
+            later = reference_at(t + sign * step)
+            moved = np.array([m, link, want[1], q]) + sign * step * rates
+            # The rotor angle that gives the wind-up of the manifold; the kinematic error's slope is in the rates.
+            shifted = wind - sign * step * h1 / joint.K
+            rotor = moved[0]
+            for _ in range(30):
+                rotor = N * (moved[1] - shifted + joint.theta_p(rotor))
+            wanted_there = np.array([moved[1], *later[1:]])
+            out = ask(joint, rotor, moved[1], later[1], 0.0, moved[3], wanted_there, **spring)
+            ends.append(out.manifold_torque_rate.item())
+        assert here.manifold_torque_acceleration.item() == pytest.approx(
+            (ends[1] - ends[0]) / (2 * step), rel=2e-3, abs=1.0
+        )
+
+
 def test_tau_1_tau_2_tau_4_follow_from_the_derivatives(joint, rng):
     for _ in range(100):
         m, link, rate, m_rate, q, t = draw(rng)
@@ -161,6 +190,57 @@ def test_prediction_is_the_plant_ahead(joint):
     assert out.predicted_joint_position.item() == pytest.approx(now[2], abs=1e-10)
     assert out.predicted_motor_position.item() == pytest.approx(now[0] / N, abs=1e-10)
     assert -out.hysteresis_torque.item() == pytest.approx(now[4], abs=1e-5)
+
+
+def test_hysteresis_of_the_wanted_motion_needs_no_torsion(joint):
+    """Along a wanted motion the torque of spring and hysteresis is the wanted one; coarse sensors do not touch it."""
+    params = law.configure(values(hysteresis_source="wanted"), None, DT)
+    state, sample, reference = law.initial_state(params), law.new_sample(1), law.new_reference(1)
+    largest = 0.0
+    for k in range(12000):
+        reference.array[:] = want = reference_at(k * DT)
+        sample.joint_position = sample.motor_position = round(want[0] / 1e-3) * 1e-3
+        out, state = law.step(params, state, sample, reference, DT)
+        largest = max(largest, abs(out.hysteresis_torque.item()))
+    wanted = joint.J_l * want[2] + joint.B_l * want[1] + want[5]
+    first = joint.J_l * reference_at(0)[2] + joint.B_l * reference_at(0)[1] + reference_at(0)[5]
+    grown = joint.K * state.wanted_torsion.item() + out.hysteresis_torque.item()
+    assert grown == pytest.approx(wanted - first, abs=0.05)  # it starts from the gauge, at zero
+    assert 3.0 < largest < joint.A / joint.alpha
+
+
+@pytest.mark.parametrize("speed", [0.5, -1.5])
+def test_error_filter_takes_the_lag_out_of_the_rates(joint, speed):
+    """Rates behind D as the fusion law forms them; the rotor moves against the kinematic error. 1 kHz."""
+    dt, found = 1e-3, {}
+    for source in ("plain", "error_filter"):
+        params = law.configure(values(rate_source=source, derivative_cutoff=200.0), None, dt)
+        state, sample, reference = law.initial_state(params), law.new_sample(1), law.new_reference(1)
+        last, rate, worst = None, np.zeros(2), 0.0
+        for k in range(1500):
+            r = 0.2 * math.sin(6.0 * k * dt) + speed * k * dt
+            r1 = 1.2 * math.cos(6.0 * k * dt) + speed
+            rotor = r
+            for _ in range(20):
+                rotor = r + joint.theta_p(N * rotor)
+            seen = np.array([r, rotor])
+            rate = 0.8 * rate + 0.2 * (seen - (seen if last is None else last)) / dt
+            last = seen
+            reference.array[:] = (r, r1, -36 * 0.2 * math.sin(6.0 * k * dt), 0, 0, 0, 0, 0)
+            sample.array[:] = (r, rate[0], 0.0, rotor, rate[1], 0.0)
+            out, state = law.step(params, state, sample, reference, dt)
+            if k > 200:
+                rotor_rate = r1 / (1.0 - N * joint.theta_p(N * rotor, 1))
+                worst = max(worst, abs(out.damping_term.item() / N**2 / joint.B_m - rotor_rate))
+        found[source] = worst
+    assert found["error_filter"] < 0.02 * found["plain"]
+
+
+def test_coulomb_friction_is_fed_forward_in_the_wanted_direction(joint):
+    for rate, wanted in ((0.5, 3.0), (-0.5, -3.0), (0.0, 0.0)):
+        want = np.array([0.0, rate, 0, 0, 0, 0, 0, 0])
+        out = ask(joint, 0.0, 0.0, 0.0, 0.0, 0.0, want, rotor_coulomb=[3.0], friction_speed=[0.01])
+        assert out.friction_term.item() == pytest.approx(wanted, abs=1e-9)
 
 
 def test_the_first_sample_takes_the_hysteresis_from_the_gauge(joint):
