@@ -41,10 +41,13 @@ class Shift:
     rest: float
     inside: bool
 
+    def long(self, period: float) -> bool:
+        """True if the shift is surely more than `SMALLEST` samples."""
+        return abs(self.seconds) > SMALLEST * period + SURE * self.error
+
     def counts(self, period: float) -> bool:
         """True if the data show that the signal is shifted by more than `SMALLEST` samples."""
-        clear = abs(self.seconds) > SMALLEST * period + SURE * self.error
-        return clear and self.inside and self.gain < GAIN and self.rest < REST
+        return self.long(period) and self.inside and self.gain < GAIN and self.rest < REST
 
     def words(self, period: float) -> str:
         """`gauge_torque 3.1 ms (3.1 samples) late`."""
@@ -89,10 +92,11 @@ def _of_torques(rows: SlowRows) -> list[str]:
     else:
         shifts = [best_shift(rows, name, [rows.rows(other), *motion, one]) for name, other in (names, names[::-1])]
     shifts.sort(key=lambda shift: shift.gain)
-    if not shifts or not shifts[0].counts(rows.period):
+    # A late motor torque and an early gauge often explain the same: then both are said, or none if one is short.
+    close = [shift for shift in shifts if shift.gain < 1.25 * shifts[0].gain]
+    if not shifts or not shifts[0].counts(rows.period) or not all(shift.long(rows.period) for shift in close):
         return []
-    # A late motor torque and an early gauge often explain the same; then both are said.
-    likely = [shift for shift in shifts if shift.counts(rows.period) and shift.gain < 1.25 * shifts[0].gain]
+    likely = [shift for shift in close if shift.counts(rows.period)]
     return [_sentence(" or ".join(shift.words(rows.period) for shift in likely), "against the motion")]
 
 
