@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from hd_control.reproduce.constants import load_constants
 from hd_control.reproduce.rows import Row, over_seeds
-from hd_control.reproduce.zhu_options import FAST, IMPROVED, PLAIN, Case
+from hd_control.reproduce.zhu_options import FAST, IMPROVED, OPEN, Case
 from hd_control.reproduce.zhu_runs import Outcome
 from hd_control.reproduce.zhu_table import KNOWN, PAPER, Set, chosen, describe
 
@@ -16,10 +16,12 @@ JOINT_3 = 2
 TARGET_JOINT_3, TARGET_MAX, TARGET_SLOW = 1e-4, 5e-4, 3e-5  # rad; issue
 SETS: dict[str, Set] = {
     "": {"options": FAST},
-    "plain": {"options": PLAIN},
+    "plain": {"options": OPEN},
+    "plain.4khz": {"options": ("fast_loop", "fine_sensor", "open_gate")},
+    "plain.4khz.filtered": {"options": ("fast_loop", "fine_sensor", "open_gate", "filtered")},
     "known_80": {"options": FAST, "knowledge": KNOWN},
     "bristle": {"options": FAST, "friction": "bristle"},
-    "1khz": {"options": IMPROVED},
+    "1khz": {"options": (*IMPROVED, *OPEN)},
     "pd": {"options": ("fast_loop", "fine_sensor"), "baseline": "pd"},
     "pid": {"options": ("fast_loop", "fine_sensor"), "baseline": "pid"},
     "computed_torque": {"options": ("fast_loop", "fine_sensor"), "baseline": "computed_torque"},

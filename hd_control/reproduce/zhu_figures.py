@@ -11,7 +11,7 @@ from hd_control.reproduce.gandhi_figures import Titled, line, sheet
 from hd_control.reproduce.rows import Progress
 from hd_control.reproduce.zhu_arms import GEOMETRIES, JOINT_3
 from hd_control.reproduce.zhu_ideal import ideal_run
-from hd_control.reproduce.zhu_options import FAST, IMPROVED, PLAIN, Case
+from hd_control.reproduce.zhu_options import FAST, IMPROVED, OPEN, PLAIN, Case
 from hd_control.reproduce.zhu_runs import ESTIMATES, MEAN_SECONDS, Outcome, history, mean_pace, play_all
 from hd_control.reproduce.zhu_table import MAIN_BASELINES, PAPER, experiments, table_cases
 
@@ -44,7 +44,7 @@ def _paper_lines(figure: Any, error: float, row: int) -> None:
 def coordinated(geometry: str, seed: int) -> Titled:
     """Fig. 3: joint 3 while all joints move 10 degrees at 0.4 rad/s, with the error of all joints."""
     paper = load_constants(PAPER)["coordinated_error"]
-    plain, ours = (history(Case(GEOMETRIES[geometry], ("coordinated",), o, seed)) for o in (PLAIN, FAST))
+    plain, ours = (history(Case(GEOMETRIES[geometry], ("coordinated",), o, seed)) for o in (OPEN, FAST))
     figure = sheet(
         ["joint 3: desired (dashed) and actual", "error of joint 3; dotted: the paper's largest",
          "error of all joints, improved"],
@@ -56,14 +56,14 @@ def coordinated(geometry: str, seed: int) -> Titled:
         line(figure, run.time, 1e3 * (run.desired - run.true)[:, JOINT_3], name, colour, 2)
     _paper_lines(figure, 1e3 * paper, 2)
     for joint in range(ours.true.shape[1]):
-        line(figure, ours.time, 1e3 * (ours.desired - ours.true)[:, joint], f"joint {joint + 1}", joint, 3)
+        line(figure, ours.time, 1e3 * (ours.desired - ours.true)[:, joint], f"joint {joint + 1}, improved", joint, 3)
     return f"Fig. 3, geometry {geometry[-1].upper()}: coordinated move, peak 0.4 rad/s", figure
 
 
 def slow(geometry: str, seed: int) -> Titled:
     """Fig. 4: joint 3 at 0.001 rad/s with its error and its mean velocity over 0.1 s."""
     constants = load_constants(PAPER)
-    plain, ours = (history(Case(GEOMETRIES[geometry], ("slow",), o, seed)) for o in (PLAIN, FAST))
+    plain, ours = (history(Case(GEOMETRIES[geometry], ("slow",), o, seed)) for o in (OPEN, FAST))
     figure = sheet(
         ["joint 3 from its start: desired (dashed) and actual", "error of joint 3; dotted: the paper's largest",
          "mean velocity over 0.1 s"],
@@ -90,7 +90,7 @@ def bars(quick: bool, seed: int, progress: Progress) -> Titled:
     figure.add_bar(x=places, y=[error for *_, error in experiments()], name="paper", marker_color="#222")
     for i, (name, own) in enumerate(wanted.items()):
         figure.add_bar(x=places, y=_errors(found, own), name=name, marker_color=COLOURS[i])
-    figure.update_yaxes(type="log", exponentformat="e")
+    figure.update_yaxes(type="log", exponentformat="e", dtick=1, range=[-5.0, -1.5])
     figure.update_layout(height=480)
     return "Table III: single joints", figure
 
@@ -117,5 +117,5 @@ def lyapunov() -> Titled:
     for name, colour in (("u_d = 0", 0), ("u_d in L2", 1)):
         run = ideal_run(disturbed=colour == 1)
         line(figure, run.time, run.lyapunov, name, colour)
-    figure.update_yaxes(type="log", exponentformat="e")
+    figure.update_yaxes(type="log", exponentformat="e", dtick=1)
     return "Lyapunov function of theorem 1 on the ideal drive", figure

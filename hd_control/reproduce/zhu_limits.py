@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from hd_control.reproduce.constants import load_constants
 from hd_control.reproduce.rows import Row
 from hd_control.reproduce.zhu_ideal import IdealRun, ideal_run, loop_limit, regressor_difference
-from hd_control.reproduce.zhu_options import IMPROVED, PLAIN, Case, plant_of
+from hd_control.reproduce.zhu_options import IMPROVED, OPEN, PLAIN, Case, plant_of
 from hd_control.reproduce.zhu_runs import Outcome
 from hd_control.reproduce.zhu_table import JOINTS, PAPER, chosen, describe, experiments, geometric_mean, table_cases
 
@@ -23,7 +23,7 @@ REBOUND, ROUNDING = 1e-5, 1e-11
 
 
 def _delay_cases(delay: int, seed: int) -> list[Case]:
-    return [case for case in table_cases(options=PLAIN, seed=seed, delay=delay) if case.motion[1] == 0.5]
+    return [case for case in table_cases(options=OPEN, seed=seed, delay=delay) if case.motion[1] == 0.5]
 
 
 def _loop_cases(delay: int, seed: int) -> list[Case]:
@@ -31,7 +31,7 @@ def _loop_cases(delay: int, seed: int) -> list[Case]:
     drives = plant_of(Case(f"single_joint_{joint}", ("slow",))).drives
     damping = float(drives["torsional_damping"][0])
     return [
-        Case(f"single_joint_{joint}", ("sine", frequency, amplitude), seed=seed, delay=delay, rate_gain=gain / damping)
+        Case(f"single_joint_{joint}", ("sine", frequency, amplitude), OPEN, seed, delay=delay, rate_gain=gain / damping)
         for gain in LOOP_GAINS
     ]
 
@@ -42,7 +42,7 @@ def cases(quick: bool, seeds: Sequence[int]) -> list[Case]:
         return table_cases(options=PLAIN, seed=seeds[0])
     seed = seeds[0]
     wanted = [case for delay in DELAYS for case in _delay_cases(delay, seed)]
-    wanted += [case for delay in DELAYS for case in table_cases(options=IMPROVED, seed=seed, delay=delay)]
+    wanted += [case for delay in DELAYS for case in table_cases(options=(*IMPROVED, *OPEN), seed=seed, delay=delay)]
     wanted += [case for delay in DELAYS[:3] for case in _loop_cases(delay, seed)]
     return wanted + table_cases(options=PLAIN, seed=seed)
 
@@ -59,7 +59,7 @@ def rows(found: Mapping[Case, Outcome], quick: bool, seeds: Sequence[int]) -> li
     for joint in JOINTS:
         made.append(_tolerance_row(found, joint, seed))
     for delay in DELAYS:
-        mean = geometric_mean(found, table_cases(options=IMPROVED, seed=seed, delay=delay))
+        mean = geometric_mean(found, table_cases(options=(*IMPROVED, *OPEN), seed=seed, delay=delay))
         text = f"our error over the paper's, geometric mean of 8; {describe({'options': IMPROVED, 'delay': delay})}"
         place = f"zhu.delay.{delay}.geomean_ratio"
         made.append(Row(place, PAPER, "Table III", "-", 1.0, mean, None, text, chosen=chosen()))

@@ -27,6 +27,7 @@ PLAIN: tuple[str, ...] = ()
 IMPROVED = ("error_filter", "kinematic_feedforward", "identified_friction", "slow_adaptation")
 FAST = (*IMPROVED, "fast_loop", "fine_sensor", "torque_gain")
 STIFF = (*IMPROVED, "fast_loop", "fine_sensor", "stiff_motion")
+OPEN = ("open_gate",)
 FIXED = ("error_filter", "kinematic_feedforward", "identified_friction", "fixed")
 
 

@@ -130,7 +130,9 @@ def history(case: Case) -> History:
     parts = {name: states[:, state.layout.slices[name]].reshape(-1, n) for name in ESTIMATES} if adaptive else {}
     bounds = {name: _bounds(params, name) for name in parts}
     time: FloatArray = runner.period * np.arange(last, dtype=np.float64)
-    return History(time, rows[0], rows[1], rows[2], parts, bounds, slice(first, last), runner.world.seam.stopped)
+    # Two gates, one behind the law and one in front of the drives: either may have stopped the robot.
+    stopped = runner.world.seam.stopped or runner.torque.gate_state.stopped != 0.0
+    return History(time, rows[0], rows[1], rows[2], parts, bounds, slice(first, last), bool(stopped))
 
 
 def _bounds(params: Block, name: str) -> tuple[FloatArray, FloatArray]:

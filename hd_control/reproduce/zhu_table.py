@@ -186,7 +186,7 @@ def describe(settings: Mapping[str, Any]) -> str:
     config = plant_of(case)
     told = f"{1e-3 / config.period:g} kHz, {config.drives['resolver_bits'][0]:g} bits, delay {case.delay}"
     share = f", told {100 * case.knowledge:g} % of friction and KE" if case.knowledge != 1.0 else ""
-    extra = " + ".join(name for name in case.options if name not in ("fast_loop", "fine_sensor"))
+    extra = " + ".join(name for name in case.options if name not in ("fast_loop", "fine_sensor", "open_gate"))
     return f"{told}, {case.friction} friction, set S{share}; paper's law{' + ' + extra if extra else ''}"
 
 
