@@ -12,6 +12,8 @@ import numpy as np
 from hd_control.control import integral_manifold as law
 from hd_control.core.blocks import Block, FloatArray
 from hd_control.reproduce.constants import Constants, load_constants
+from hd_control.sensing.differentiate import Derivative, derivative_pole
+from hd_control.sensing.encoders import joint_count, motor_count, quantise
 from hd_sim.gear_joint import GearJoint
 
 PLANT = (
@@ -28,7 +30,8 @@ class Experiment:
     """What a run is made of. `law` and `plant` change single values, `period` is the law's in s (0: the plant's step).
 
     `nonlinear` adds cubic and quintic stiffness to the plant (C-2). `phase` rad turns the wave generator on its shaft;
-    the law knows it.
+    the law knows it. `sensors` starts two quantised encoders at these shares of a count; None reads the plant's state.
+    With sensors the law takes rates through its error filter and the hysteresis from the wanted torque.
     """
 
     composition: str = "all"
@@ -38,6 +41,7 @@ class Experiment:
     phase: float = 0.0
     law: tuple[tuple[str, float], ...] = ()
     plant: tuple[tuple[str, Any], ...] = ()
+    sensors: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -106,8 +110,36 @@ def law_values(c: Constants, experiment: Experiment) -> dict[str, Any]:
     numbers |= dict(experiment.law)
     values: dict[str, Any] = {name: [float(number)] for name, number in numbers.items()}
     values |= {"joint_names": [JOINT], "composition": experiment.composition, "load_source": "position"}
-    values |= {"rate_source": "plain", "derivative_cutoff": c["rate_cutoff"], "hysteresis_source": "measured"}
+    choices = ("plain", "measured") if experiment.sensors is None else ("error_filter", "wanted")
+    values |= {"rate_source": choices[0], "hysteresis_source": choices[1], "derivative_cutoff": c["rate_cutoff"]}
     return values | {"prediction_samples": experiment.prediction}
+
+
+class Sensors:
+    """Two quantised encoders and the filtered differences of their readings, as the law of a real joint gets them.
+
+    `place` (2,) is where the counts of joint and motor begin, as a share of a count. The torque is not read.
+    """
+
+    def __init__(self, c: Constants, period: float, place: FloatArray, joint: FloatArray) -> None:
+        self.counts = (joint_count(c["joint_sensor_bits"]), motor_count(c["encoder_counts"], c["gear_ratio"]))
+        self.place, self.period = place, period
+        self.pole = derivative_pole(c["rate_cutoff"], period)
+        self.sample = Block(law.new_sample(1).layout, joint.copy())
+        self.filters: list[Derivative] = []
+
+    def read(self, joint: FloatArray) -> Block:
+        """The sample (6,) behind the plant's `joint` (6,)."""
+        rows = zip((joint[0], joint[3]), self.counts, self.place, strict=True)
+        seen = [float(quantise(angle + share * count, count)) - share * count for angle, count, share in rows]
+        if not self.filters:
+            self.filters = [Derivative.started(angle) for angle in seen]
+        else:
+            pairs = zip(self.filters, seen, strict=True)
+            self.filters = [filtered.step(angle, self.pole, self.period) for filtered, angle in pairs]
+        self.sample.array[[0, 3]] = seen
+        self.sample.array[[1, 4]] = [filtered.rate for filtered in self.filters]
+        return self.sample
 
 
 @lru_cache(maxsize=64)
@@ -121,10 +153,12 @@ def run(experiment: Experiment) -> GearRun:
     wanted, output = law.new_reference(1), law.layout("ManifoldOutput", 1).zeros()
     time = np.arange(samples) * period
     rows, measured, more = reference(c, time), np.empty((samples, 6)), np.empty((samples, 3))
-    sample = Block(law.new_sample(1).layout, joint.measured)
+    true = Block(law.new_sample(1).layout, joint.measured)
+    eyes = None if experiment.sensors is None else Sensors(c, period, np.array(experiment.sensors), joint.measured)
     for k in range(samples):
         measured[k] = joint.measured
         wanted.array[:] = rows[k]
+        sample = true if eyes is None else eyes.read(joint.measured)
         law.step_in_place(params, state, sample, wanted, output, period)
         torque = output.array[0]
         more[k] = torque, joint.hysteresis_torque, joint.wind_up

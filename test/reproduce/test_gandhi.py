@@ -55,6 +55,18 @@ def test_the_full_model_costs_little(quick):
     assert quick["gandhi.error_deg"].ours < full < 0.05 < quick["gandhi.eq31.error_deg"].ours / 10
 
 
+def test_a_law_that_knows_the_spring_beats_c2():
+    c = load_constants("gandhi")
+    spring = tuple((name, c[name]) for name in ("stiffness_cubic", "stiffness_quintic"))
+    blind, knowing = (run(Experiment(period=1e-4, nonlinear=True, law=law)).largest_deg for law in ((), spring))
+    assert knowing < 3e-4 < 0.05 < blind
+
+
+def test_quantised_encoders_leave_most_of_the_gain():
+    ours, plain = gandhi.sensor_rows(0, 1)
+    assert ours.ours < 0.04 and plain.ours > 8.0
+
+
 def test_a_run_repeats_bit_for_bit():
     experiment = Experiment(period=1e-3, phase=gandhi.phases(7, 1)[0])
     first = run(experiment)
