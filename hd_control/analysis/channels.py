@@ -73,7 +73,10 @@ class Channel:
 
 @dataclass(frozen=True)
 class JointEquations:
-    """All balances that one joint's signals allow. `inertia`: the rotor inertia I0 that scales the motor balance."""
+    """All balances that one joint's signals allow. `inertia`: the rotor inertia I0 that scales the motor balance.
+
+    `substituted`: signals that the model stands in for. `too_short`: channels left out for want of rows in motion.
+    """
 
     joint: str
     states: DriveStates
@@ -83,6 +86,7 @@ class JointEquations:
     inertia: float
     link_scale: float = 1.0
     substituted: tuple[str, ...] = field(default=())
+    too_short: tuple[str, ...] = field(default=())
 
     def with_scales(self, scales: Mapping[str, float]) -> JointEquations:
         """The same equations with left sides divided by the estimated a and b, so that the next estimate is near 1."""

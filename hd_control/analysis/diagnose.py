@@ -89,7 +89,7 @@ def _answer(task: Task, found: Coverage, missing: list[Lack], search: Search, se
     experiments = list(_experiments([*missing, *denied]))
     for effect in effects:
         experiments += _separating(task, effect)
-    verdict = _verdict(effects, unknown, bool(denied), blocked, set(channels))
+    verdict = _verdict(effects, unknown, bool(denied), blocked, {*channels, *found.too_short})
     if verdict == CANNOT_TELL:
         effects, unknown = (), None
     notes = tuple(lack.what for lack in [*missing, *denied])

@@ -13,6 +13,7 @@ import numpy as np
 
 from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.channels import Base, Channel, JointEquations
+from hd_control.analysis.folds import Blocks
 from hd_control.analysis.groups import Candidate, Group, IntArray, group_of
 from hd_control.analysis.joint_states import BoolArray
 from hd_control.analysis.noise import Noise, fit_noise
@@ -29,12 +30,14 @@ SHARED = ""
 class Rows:
     """One channel of the dictionary: whitened left side (n,) and columns (n, p) of the coefficients `index`.
 
-    `time` s and `fold` (n,) of its usable rows; `fold` -1: guard between blocks. `block` numbers the blocks.
+    `weight` (n,): 1 / level of the noise. `time` s and `fold` (n,) of its usable rows; `fold` -1: guard between blocks.
+    `block` numbers the blocks.
     """
 
     channel: Channel
     noise: Noise
     usable: BoolArray
+    weight: FloatArray
     time: FloatArray
     block: IntArray
     fold: IntArray
@@ -126,7 +129,7 @@ class Dictionary:
         """The same with the base columns that `equations` has for one channel, whose scale is 1."""
         part = replace(self.rows[channel], channel=equations.channels[channel])
         rows = {n: replace(p, columns=p.columns * self.norm[p.index]) for n, p in (self.rows | {channel: part}).items()}
-        white = part.noise.whiten(part.channel.base_matrix)[part.usable]
+        white = part.weight[:, None] * part.noise.whiten(part.channel.base_matrix)[part.usable]
         own = base_of(part.channel, self.base_names)
         place = [int(np.flatnonzero(part.index == i)[0]) for i in own]
         rows[channel].columns[:, place] = white
@@ -141,35 +144,18 @@ class Dictionary:
                 keep = ~blind[name][part.usable]
                 usable = part.usable & ~blind[name]
                 part = replace(part, usable=usable, time=part.time[keep], block=part.block[keep], fold=part.fold[keep])
-                part, columns = replace(part, left=part.left[keep]), columns[keep]
+                part, columns = replace(part, left=part.left[keep], weight=part.weight[keep]), columns[keep]
             rows[name] = replace(part, columns=columns)
         return _normed(replace(self, rows=rows))
 
     def whitened(self, channel: str, columns: FloatArray) -> FloatArray:
         """Raw columns (n, k) at the rate of the recording as whitened rows of a channel, physical units, (rows, k)."""
         part = self.rows[channel]
-        rows = part.noise.whiten(part.channel.rows_of(columns))[part.usable]
-        return rows
+        return np.asarray(part.weight[:, None] * part.noise.whiten(part.channel.rows_of(columns))[part.usable])
 
     def rows_touched(self, group: Group) -> int:
         """Whitened rows of the channels that a group acts on."""
         return sum(rows.left.size for name, rows in self.rows.items() if name in group.channels)
-
-
-@dataclass(frozen=True)
-class Blocks:
-    """Blocks of `length` s with a guard, dealt to `folds` folds in turn."""
-
-    length: float = 0.66
-    guard: float = 0.05
-    folds: int = 6
-
-    def of(self, time: FloatArray) -> tuple[IntArray, IntArray]:
-        """(block, fold) of each row; fold -1 in the guards."""
-        block = np.floor(time / self.length).astype(np.int64)
-        inside = time - block * self.length
-        guard = (inside < 0.5 * self.guard) | (inside > self.length - 0.5 * self.guard)
-        return block, np.where(guard, -1, block % self.folds)
 
 
 def build(
@@ -186,8 +172,9 @@ def build(
     rows: dict[str, Rows] = {}
     for name, channel in equations.channels.items():
         raw, index = layout.raw(channel)
-        noise = noises[name] if noises is not None else _noise(channel, raw)
-        rows[name] = _rows(channel, noise, raw, index)
+        velocity = equations.states.motor_velocity[:: channel.band.step]
+        noise = noises[name] if noises is not None else _noise(channel, raw, velocity)
+        rows[name] = _rows(channel, noise, raw, index, velocity)
     norm = _norm(rows, layout.size)
     for part in rows.values():
         np.divide(part.columns, norm[part.index], out=part.columns)
@@ -260,7 +247,7 @@ def _normed(raw: Dictionary) -> Dictionary:
     return replace(raw, norm=norm)
 
 
-def _noise(channel: Channel, raw: FloatArray) -> Noise:
+def _noise(channel: Channel, raw: FloatArray, velocity: FloatArray) -> Noise:
     """Noise from the residual of everything at once: what no column explains.
 
     A rich fit leaves too little in its own rows and too much in rows that it has not seen, both by the same factor to
@@ -281,18 +268,20 @@ def _noise(channel: Channel, raw: FloatArray) -> Noise:
         unseen[rows] = y[rows] - x[rows] @ np.linalg.solve(gram - grams[f + 1], right - rights[f + 1])
     residual = np.sign(seen) * np.sqrt(np.abs(seen * unseen))
     noise = fit_noise(residual, channel.valid)
-    noise = noise.scaled_on(residual, noise.usable(channel.valid) & use)
+    rows = noise.usable(channel.valid) & use
+    noise = noise.levelled(residual, velocity, rows).scaled_on(residual, velocity, rows)
     count = int(use.sum())
     freedom = max(count - scale.size, count // 4)
     return noise.with_deviation(seen[use], float(np.sqrt(count / max(freedom, 1))))
 
 
-def _rows(channel: Channel, noise: Noise, raw: FloatArray, index: IntArray) -> Rows:
+def _rows(channel: Channel, noise: Noise, raw: FloatArray, index: IntArray, velocity: FloatArray) -> Rows:
     usable = noise.usable(channel.valid) & channel.fitted
     time = channel.time[usable]
     block, fold = Blocks().of(time)
-    left, columns = noise.whiten(channel.left)[usable], noise.whiten(raw)[usable]
-    return Rows(channel, noise, usable, time, block, fold, left, columns, index)
+    weight = 1.0 / noise.level(velocity[usable])
+    left, columns = weight * noise.whiten(channel.left)[usable], weight[:, None] * noise.whiten(raw)[usable]
+    return Rows(channel, noise, usable, weight, time, block, fold, left, columns, index)
 
 
 def _squares(part: Rows, size: int) -> FloatArray:

@@ -46,6 +46,8 @@ ACCELERATION_SNR = 10.0
 COMMAND_DELAY_PRIOR = 3e-5
 TONE_ORDERS = (1, 2)
 MOST_NOISY = 0.6
+LEAST_ROWS = 250
+"""A channel with fewer rows in motion is left out: its noise cannot be told from what is missing."""
 """Share of the rows of the rotor balance that may be left out because of the encoder's counts."""
 
 DAMPING_ROUNDS = 3
@@ -66,14 +68,12 @@ def build_equations(signals: JointSignals, known: Known, link: LinkFunction | No
             states = replace(states, gauge_torque=torque, joint_torque=torque, torque_scale=max(scale, 1e-9))
             substituted.append("gauge_torque")
     builder = _Builder(signals, known, spectral, derived, states, terms, tuple(substituted))
-    channels = {
-        name: channel
-        for name, channel in ((MOTOR, builder.motor()), (TRANSMISSION, builder.transmission()), (LINK, builder.link()))
-        if channel is not None
-    }
+    every = (builder.motor(), builder.transmission(), builder.link())
+    channels = {c.name: c for c in every if c is not None and c.fitted.sum() >= LEAST_ROWS}
+    too_short = tuple(c.name for c in every if c is not None and c.name not in channels)
     states = with_spring(states, spectral, channels.get(TRANSMISSION))
     return JointEquations(
-        signals.joint, states, derived, spectral, channels, known.rotor_inertia, 1.0, builder.substituted
+        signals.joint, states, derived, spectral, channels, known.rotor_inertia, 1.0, builder.substituted, too_short
     )
 
 

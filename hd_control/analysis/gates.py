@@ -45,6 +45,7 @@ class Coverage:
     temperature_span: float
     acceleration_snr: dict[str, float]
     compliance_error: float = 0.0
+    too_short: tuple[str, ...] = ()
 
     @property
     def speed_decades(self) -> float:
@@ -76,6 +77,7 @@ def coverage(equations: JointEquations) -> Coverage:
         motor_turns=float(np.ptp(s.motor_shaft_position[use])) / (2 * np.pi) if use.any() else 0.0,
         temperature_span=float(np.ptp(temperature)) if measured else 0.0,
         acceleration_snr={name: channel.snr for name, channel in equations.channels.items()},
+        too_short=equations.too_short,
     )
 
 
@@ -101,6 +103,9 @@ def lacks(found: Coverage) -> list[Lack]:
     if found.duration < DURATION_S or found.moving < 0.5 * DURATION_S:
         what = f"only {found.duration:.1f} s of usable recording, {found.moving:.1f} s of them in motion"
         missing.append(Lack(what, everything, "enough data", f"60 s: {_SPEEDS}; then {_CHIRP}"))
+    for name in found.too_short:
+        what = f"too little sliding motion for the {name.replace('_', ' ')} balance"
+        missing.append(Lack(what, (name,), "friction and inertia", f"60 s: {_SPEEDS}; then {_CHIRP}"))
     if found.reversals < REVERSALS or not found.both_directions:
         what = f"{found.reversals} changes of direction" + ("" if found.both_directions else ", motion mostly one way")
         missing.append(Lack(what, (MOTOR, LINK), "friction against offsets and load", _SPEEDS))

@@ -72,6 +72,7 @@ def hunt(task: Task, dictionary: Dictionary | None = None) -> tuple[Search, Sele
     """The search in its last state, and what it selected. `dictionary`: that of `prepare`, if it is there already."""
     chase = Chase(task, prepare(task) if dictionary is None else dictionary)
     chase.rescale(())
+    chase.correct(chase.search.forward(()))  # so that a curve competes with laws that are not on a grid
     selection = chase.search.run()
     if selection and chase.mend_noise(selection):
         selection = chase.search.run()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -10,18 +10,23 @@ from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.joint_states import BoolArray
 
 ORDER = 16
+SPEED_BINS = 8
+LEVELS = (0.4, 3.0)
 
 
 @dataclass(frozen=True)
 class Noise:
     """e_k + sum_i lags[i] e_{k-1-i} = scale * white. lags (ORDER,), scale in the channel's unit.
 
+    `levels` (k,): how much louder the white part is at motor speeds `speeds` (k,) rad/s than on average.
     `deviation`: standard deviation of the noise itself in the channel's band, same unit (the noise floor).
     """
 
     lags: FloatArray
     scale: float
     deviation: float
+    speeds: FloatArray = field(default_factory=lambda: np.zeros(1))
+    levels: FloatArray = field(default_factory=lambda: np.ones(1))
 
     def whiten(self, rows: FloatArray) -> FloatArray:
         """Whitened rows (n,) or (n, k); the first ORDER rows are not usable."""
@@ -30,13 +35,30 @@ class Noise:
             out[lag:] += (weight / self.scale) * rows[:-lag]
         return np.asarray(out)
 
+    def level(self, velocity: FloatArray) -> FloatArray:
+        """Level of the white part at motor velocities (n,) rad/s."""
+        return np.asarray(np.interp(np.abs(velocity), self.speeds, self.levels))
+
     def divided(self, factor: float) -> Noise:
         """The noise of the rows divided by `factor`."""
-        return Noise(self.lags, self.scale / factor, self.deviation / factor)
+        return replace(self, scale=self.scale / factor, deviation=self.deviation / factor)
 
-    def scaled_on(self, residual: FloatArray, rows: BoolArray) -> Noise:
-        """The same spectrum with the level that the residual has on some rows, its largest values left out."""
-        white = np.abs(self.whiten(residual)[rows])
+    def levelled(self, residual: FloatArray, velocity: FloatArray, rows: BoolArray) -> Noise:
+        """With the level over speed that a residual has on some rows: jitter of the clock is louder at speed."""
+        white, speed = np.abs(self.whiten(residual)[rows]), np.abs(velocity[rows])
+        if white.size < 20 * SPEED_BINS:
+            return self
+        edges = np.quantile(speed, np.linspace(0.0, 1.0, SPEED_BINS + 1))
+        place = np.clip(np.searchsorted(edges, speed, side="right") - 1, 0, SPEED_BINS - 1)
+        found = [float(np.median(white[place == i])) if (place == i).any() else np.nan for i in range(SPEED_BINS)]
+        levels = np.nan_to_num(np.array(found), nan=float(np.nanmedian(found)))
+        levels = np.clip(levels / np.sqrt(np.mean(levels**2)), *LEVELS)
+        centres = np.maximum.accumulate(0.5 * (edges[1:] + edges[:-1]))
+        return replace(self, speeds=centres, levels=levels)
+
+    def scaled_on(self, residual: FloatArray, velocity: FloatArray, rows: BoolArray) -> Noise:
+        """The same with the level that the residual has on some rows, its largest values left out."""
+        white = np.abs(self.whiten(residual)[rows]) / self.level(velocity[rows])
         if white.size == 0:
             return self
         inside = white < 4.0 * 1.4826 * np.median(white)
@@ -46,7 +68,7 @@ class Noise:
         """The same with the standard deviation of a residual, its largest 0.5 % left out, times a factor."""
         inside = np.abs(residual) <= np.quantile(np.abs(residual), 0.995) if residual.size else residual
         level = float(np.sqrt(np.mean(residual[inside] ** 2))) if residual.size else self.deviation
-        return Noise(self.lags, self.scale, factor * level)
+        return replace(self, deviation=factor * level)
 
     def usable(self, valid: BoolArray) -> BoolArray:
         """Rows whose whole filter history is valid."""

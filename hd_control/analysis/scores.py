@@ -11,7 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from hd_control.analysis.bands import FloatArray
-from hd_control.analysis.dictionary import Blocks, Dictionary
+from hd_control.analysis.dictionary import Dictionary
+from hd_control.analysis.folds import Blocks
 from hd_control.analysis.groups import Group, IntArray
 
 
