@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from hd_control.analysis.signals import Recording
-    from hd_control.drive.model import Model
+    from hd_control.drive.model import JointModel, Model
     from hd_sim.campaign import Question
 
 FloatArray = NDArray[np.float64]
@@ -24,16 +24,22 @@ COLUMNS = (
 )
 
 
-def nominal_model(model: Mapping[str, Any]) -> Model:
-    """The nominal model of a pair as the drive model's own type; every value says that it is of the data sheet."""
-    from hd_control.drive.model import JointModel, Model, ModelValue
+def joint_model(model: Mapping[str, Any]) -> JointModel:
+    """The nominal joint of a pair as the drive model's own type; every value says that it is of the data sheet."""
+    from hd_control.drive.model import JointModel, ModelValue
 
     effects = {
         effect: {name: ModelValue(value=value, source="datasheet") for name, value in values.items()}
         for effect, values in model["effects"].items()
     }
-    joint = JointModel(gear_ratio=model["gear_ratio"], rated_torque=model["rated_torque"], effects=effects)
-    return Model(model["robot"], {model["joint"]: joint})
+    return JointModel(gear_ratio=model["gear_ratio"], rated_torque=model["rated_torque"], effects=effects)
+
+
+def nominal_model(model: Mapping[str, Any]) -> Model:
+    """The nominal model of a pair: its robot and its joint."""
+    from hd_control.drive.model import Model
+
+    return Model(model["robot"], {model["joint"]: joint_model(model)})
 
 
 def recording(columns: Mapping[str, FloatArray], joint: str, period: float) -> Recording:

@@ -17,7 +17,6 @@ from hd_control.analysis.noise import Noise
 from hd_control.analysis.scores import Scores
 from hd_control.drive.effect import UNITS
 
-
 NUISANCES = ("transmission_zero", "fast_torque", "joint_delay", "torque_delay", "command_delay")
 
 
@@ -87,6 +86,11 @@ class JointComparison:
     dictionary: Dictionary
     refit: Fit
 
+    @property
+    def noises(self) -> dict[str, Noise]:
+        """The noise of each channel."""
+        return {name: part.noise for name, part in self.dictionary.rows.items()}
+
 
 def noises_of(task: Task) -> dict[str, Noise]:
     """The noise of each channel: what the richest model does not explain."""
@@ -123,7 +127,7 @@ def _with_nuisances(fit: Fit, written: FloatArray) -> FloatArray:
     left = scores.gram_all[np.ix_(free, free)] + np.diag(scores.ridge[free])
     scaled = written[held] * dictionary.norm[held]
     right = scores.right_all[free] - scores.gram_all[np.ix_(free, held)] @ scaled
-    found = written.copy()
+    found = np.array(written, dtype=float)
     found[free] = np.linalg.solve(left, right) / dictionary.norm[free]
     return found
 

@@ -7,15 +7,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from hd_control.analysis.adding import FittedJoint, fit_joint
-from hd_control.analysis.compare import JointComparison, compare, noises_of
+from hd_control.analysis.compare import JointComparison, noises_of
 from hd_control.analysis.diagnose import diagnose
 from hd_control.analysis.hunt import Task, prepare
-from hd_control.analysis.joint_task import written_coefficients
 from hd_control.analysis.link_function import LinkSide
-from hd_control.analysis.noise import Noise
 from hd_control.analysis.signals import JointSignals, Recording
 from hd_control.analysis.verdict import ADEQUATE, CANNOT_TELL, UNKNOWN, JointDiagnosis
-from hd_control.analysis.workbench import joint_task
+from hd_control.analysis.workbench import compare_task, joint_task
 from hd_control.core.errors import HdError
 from hd_control.drive.effect import UNITS
 from hd_control.drive.model import Model
@@ -105,13 +103,7 @@ class _Judge:
 
     def compare(self, model: Model) -> JointComparison:
         """The model as written; only the assembly zero is fitted."""
-        return compare_written(self._task(model), model, self.joint, self.noises)
-
-
-def compare_written(task: Task, model: Model, joint: str, noises: Mapping[str, Noise]) -> JointComparison:
-    """The model as written and refitted on a task of its own."""
-    first = compare(task, None, noises)
-    return compare(task, written_coefficients(first.dictionary, model.joint(joint), task.context), noises)
+        return compare_task(self._task(model), model, self.joint, self.noises)
 
 
 def split_recording(recording: Recording, share: float = 0.7) -> Split:

@@ -2,14 +2,50 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from hd_control.analysis.compare import JointComparison, compare, noises_of
+from hd_control.analysis.condition_maps import conditions_of, maps_of, worst
 from hd_control.analysis.diagnose import diagnose
+from hd_control.analysis.horizons import Horizons, horizons
 from hd_control.analysis.hunt import Task
-from hd_control.analysis.joint_task import task_of
+from hd_control.analysis.joint_task import task_of, written_coefficients
 from hd_control.analysis.link_function import LinkSide
+from hd_control.analysis.map_sentence import sentence
+from hd_control.analysis.noise import Noise
+from hd_control.analysis.signal_checks import check_signals
 from hd_control.analysis.signals import Recording
 from hd_control.analysis.verdict import JointDiagnosis
 from hd_control.core.errors import ConfigError
 from hd_control.drive.model import Model
+
+WORST = 8
+
+
+@dataclass(frozen=True)
+class JointReport:
+    """A model against one joint: comparison with worst conditions, one sentence per channel, free runs, remarks."""
+
+    joint: str
+    signals: tuple[str, ...]
+    comparison: JointComparison
+    sentences: Mapping[str, str]
+    horizons: Horizons
+    notes: tuple[str, ...]
+
+    def json(self) -> dict[str, Any]:
+        """The form of `hd.compare/1`."""
+        channels = {name: channel.json() for name, channel in self.comparison.channels.items()}
+        for name, text in self.sentences.items():
+            channels[name]["sentence"] = text
+        return {
+            "signals": list(self.signals),
+            "channels": channels,
+            "free_run": self.horizons.json(),
+            "notes": list(self.notes),
+        }
 
 
 def joint_task(recording: Recording, model: Model, joint: str, link: LinkSide | None = None) -> Task:
@@ -20,6 +56,49 @@ def joint_task(recording: Recording, model: Model, joint: str, link: LinkSide | 
     return task_of(recording.joints[joint], model.joint(joint), side.function(joint))
 
 
+def notes_of(recording: Recording, model: Model, joint: str, link: LinkSide) -> tuple[str, ...]:
+    """What looks wrong with the signals, and what the model does not allow."""
+    signals, about = recording.joints[joint], model.joint(joint)
+    why = link.why_not(joint)
+    return (*signals.notes, *check_signals(signals, about.gear_ratio, about.rated_torque), *([why] if why else []))
+
+
 def diagnose_joint(recording: Recording, model: Model, joint: str, link: LinkSide | None = None) -> JointDiagnosis:
     """Which effect is missing in the model of one joint."""
-    return diagnose(joint_task(recording, model, joint, link))
+    side = link if link is not None else LinkSide(model, recording.joints)
+    found = diagnose(joint_task(recording, model, joint, side))
+    return replace(found, notes=(*notes_of(recording, model, joint, side), *found.notes))
+
+
+def compare_joint(
+    recording: Recording,
+    model: Model,
+    joint: str,
+    link: LinkSide | None = None,
+    noises: Mapping[str, Noise] | None = None,
+    free_run: bool = True,
+) -> JointReport:
+    """How well the model of one joint explains its recording, as written and refitted, and where it fails.
+
+    `noises`: those of another model on the same recording, so that both are judged by one noise.
+    """
+    side = link if link is not None else LinkSide(model, recording.joints)
+    task = joint_task(recording, model, joint, side)
+    found = compare_task(task, model, joint, noises)
+    runs = horizons(task, recording.joints[joint], model.joint(joint), side) if free_run else Horizons({})
+    channels, sentences = {}, {}
+    for name, channel in found.channels.items():
+        maps = maps_of(conditions_of(task.equations, name), channel.residual, channel.used)
+        channels[name] = replace(channel, worst=tuple(worst(maps, WORST)))
+        sentences[name] = sentence(maps, channel.noise_floor)
+    notes = notes_of(recording, model, joint, side)
+    present = recording.joints[joint].present
+    return JointReport(joint, present, replace(found, channels=channels), sentences, runs, notes)
+
+
+def compare_task(task: Task, model: Model, joint: str, noises: Mapping[str, Noise] | None = None) -> JointComparison:
+    """The model as written and refitted, on its own task."""
+    if noises is None:
+        noises = noises_of(task)
+    first = compare(task, None, noises)
+    return compare(task, written_coefficients(first.dictionary, model.joint(joint), task.context), noises)

@@ -1,0 +1,105 @@
+"""`hd add EFFECT --model M --bag BAG -o M2`: fits an effect, and what it is coupled with, and writes the new model."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from hd_control.cli._workbench import (
+    add_bag_options,
+    bag_entry,
+    chosen_joints,
+    exit_code,
+    name_of,
+    one_thread,
+    open_bag,
+    open_model,
+    provenance,
+    tell_recording,
+)
+
+if TYPE_CHECKING:
+    from hd_control.analysis.adding import FittedParameter
+    from hd_control.analysis.signals import Recording
+    from hd_control.drive.model import Model
+
+NAME = "add"
+HELP = "fits an effect to a recording and writes the model that has it, with intervals and provenance"
+EXAMPLE = """hd add kinematic_error --model arm_a.yaml --bag bags/run1 --joint joint_3 -o better.yaml
+  hd add --refit --model arm_a.yaml --bag bags/run1 -o refitted.yaml"""
+SCHEMA = "hd.add/1"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the command."""
+    parser.add_argument("effect", metavar="EFFECT", nargs="?", help="name of an effect, such as kinematic_error")
+    parser.add_argument("--refit", action="store_true", help="no new effect: fit the values that the model has")
+    parser.add_argument("--model", metavar="M", required=True, help="model file or shipped model")
+    parser.add_argument("--bag", metavar="BAG", required=True, help="bag folder, .mcap or .db3 file")
+    parser.add_argument("-o", "--output", metavar="M2", required=True, help="model file to write")
+    add_bag_options(parser, bags="none")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Writes the model; 0 done, 3 if the bag could be read in part only."""
+    one_thread()
+    from hd_control.cli.main import UsageError
+    from hd_control.cli.options import refuse_overwrite, say, track, write_json
+    from hd_control.drive.library import effect_named
+    from hd_control.drive.model_yaml import save_model
+
+    if bool(arguments.effect) == arguments.refit:
+        raise UsageError("add: give the name of an effect, or --refit")
+    if arguments.effect:
+        effect_named(arguments.effect)
+    refuse_overwrite(arguments.output, arguments.force)
+    recording = open_bag(arguments, arguments.bag)
+    model = open_model(arguments.model, recording)
+    joints = _joints(arguments, recording, model)
+    tell_recording(arguments, recording)
+    document: dict[str, Any] = {"schema": SCHEMA, "bag": bag_entry(recording), "effect": arguments.effect, "joints": {}}
+    for joint in track(arguments, joints, len(joints), "fitting"):
+        model, rows, gain = _fit(recording, model, joint, arguments.effect)
+        document["joints"][joint] = {"gain_nats": gain, "parameters": [vars(row) for row in rows]}
+        for line in lines(joint, rows, gain):
+            say(arguments, line)
+    effect = [arguments.effect] if arguments.effect else ["--refit"]
+    words = ["add", *effect, "--model", name_of(arguments.model), "--bag", name_of(arguments.bag)]
+    step = provenance([*words, *(word for joint in joints for word in ("--joint", joint))], [recording])
+    written = save_model(model, arguments.output, step, arguments.force)
+    document["model"] = {"path": arguments.output, "sha256": written.sha256}
+    say(arguments, f"written: {arguments.output}")
+    write_json(arguments, document)
+    return exit_code(recording)
+
+
+def _joints(arguments: argparse.Namespace, recording: Recording, model: Model) -> list[str]:
+    from hd_control.core.errors import HdError
+
+    joints = chosen_joints(arguments, recording, model)
+    if arguments.effect and not arguments.joint and len(joints) > 1:
+        raise HdError(f"add: which joint misses {arguments.effect}? give --joint; there is {', '.join(joints)}")
+    return joints
+
+
+def _fit(
+    recording: Recording, model: Model, joint: str, effect: str | None
+) -> tuple[Model, tuple[FittedParameter, ...], float]:
+    from hd_control.analysis.adding import fit_joint
+    from hd_control.analysis.workbench import joint_task
+
+    fitted = fit_joint(joint_task(recording, model, joint), model.joint(joint), effect)
+    return replace(model, joints={**model.joints, joint: fitted.model}), fitted.parameters, fitted.gain
+
+
+def lines(joint: str, rows: tuple[FittedParameter, ...], gain: float) -> Iterator[str]:
+    """The parameter table of one joint as text."""
+    yield f"{joint}:" + (f" held-out gain {gain:.0f} nats" if gain else "")
+    for row in rows:
+        was = "" if row.was is None else f", was {row.was:.5g}"
+        yield (
+            f"  {row.effect:<22} {row.name:<22} {row.value:>11.5g} {row.unit:<9}"
+            f"({row.low:.5g} ... {row.high:.5g}{was})" + (f"  {row.remark}" if row.remark else "")
+        )

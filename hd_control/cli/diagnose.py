@@ -1,0 +1,95 @@
+"""`hd diagnose BAG --model M`: which physical effect is missing in the model, or that nothing is, or that nobody can
+tell from this recording."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from hd_control.cli._workbench import (
+    add_bag_options,
+    bag_entry,
+    by_joint,
+    chosen_joints,
+    exit_code,
+    model_entry,
+    one_thread,
+    open_bag,
+    open_model,
+    quantity,
+    tell_recording,
+)
+
+if TYPE_CHECKING:
+    from hd_control.analysis.signals import Recording
+    from hd_control.analysis.verdict import JointDiagnosis
+    from hd_control.drive.model import Model
+
+NAME = "diagnose"
+HELP = "which physical effect is missing in a model, with evidence; or none; or that the data cannot tell"
+EXAMPLE = "hd diagnose bags/run1 --model arm_a.yaml --json diagnosis.json"
+SCHEMA = "hd.diagnosis/1"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the command."""
+    add_bag_options(parser)
+    parser.add_argument("--model", metavar="M", required=True, help="model file or shipped model")
+    parser.add_argument("--exit-code", action="store_true", help="end with 1 unless every joint is adequate")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Prints the diagnosis; 0 for every verdict, 3 if the bag could be read in part only."""
+    one_thread()
+    from hd_control.analysis.verdict import ADEQUATE
+    from hd_control.cli.options import say, write_json
+
+    recording = open_bag(arguments, arguments.bag)
+    model = open_model(arguments.model, recording)
+    joints = chosen_joints(arguments, recording, model)
+    tell_recording(arguments, recording)
+    document: dict[str, Any] = {
+        "schema": SCHEMA,
+        "bag": bag_entry(recording),
+        "model": model_entry(arguments.model, model),
+        "joints": {},
+    }
+    verdicts = set()
+    for joint, found in by_joint(arguments, joints, partial(_diagnose, recording, model), "diagnosing"):
+        document["joints"][joint] = found.json()
+        verdicts.add(found.verdict)
+        for line in lines(joint, found):
+            say(arguments, line)
+    write_json(arguments, document)
+    if arguments.exit_code and verdicts != {ADEQUATE}:
+        return 1
+    return exit_code(recording)
+
+
+def _diagnose(recording: Recording, model: Model, joint: str) -> JointDiagnosis:
+    from hd_control.analysis.workbench import diagnose_joint
+
+    return replace(diagnose_joint(recording, model, joint), fit=None)
+
+
+def lines(joint: str, found: JointDiagnosis) -> Iterator[str]:
+    """The diagnosis of one joint as text."""
+    from hd_control.analysis.verdict_words import headline, reasons
+
+    yield f"{joint}: {headline(found)}"
+    for text in reasons(found):
+        yield f"  {text}"
+    for effect in found.effects:
+        for name, value in effect.parameters.items():
+            unit = effect.units.get(name, "")
+            yield f"    {effect.name} {name} = {value.value:.4g} {unit} ({value.low:.4g} ... {value.high:.4g})"
+    for name, channel in found.channels.items():
+        texts = (quantity(value, channel.unit) for value in (channel.baseline, channel.explained, channel.noise_floor))
+        yield "  {:<13} error refitted {}, explained {}, noise {}".format(name, *texts)
+    for text in found.notes:
+        yield f"  ! {text}"
+    for experiment in found.experiments:
+        yield f"  record for {experiment.purpose}: {experiment.how}"
