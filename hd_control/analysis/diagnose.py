@@ -40,10 +40,14 @@ def diagnose(task: Task, dictionary: Dictionary | None = None) -> JointDiagnosis
     """The verdict on one joint. `dictionary`: that of `hunt.prepare`, if it is there already."""
     start = time.process_time()
     found = coverage(task.equations)
-    if _hopeless(task.equations, found):
+    blocked = {name for lack in lacks(found) for name in lack.channels}
+    open_channels = {name: c for name, c in task.equations.channels.items() if name not in blocked}
+    if _hopeless(task.equations, found) or not open_channels:
         return _refusal(task, found, lacks(found), {}, time.process_time() - start)
+    if len(open_channels) < len(task.equations.channels):
+        task, dictionary = replace(task, equations=replace(task.equations, channels=open_channels)), None
     search, selection = hunt(task, dictionary)
-    if TRANSMISSION in task.equations.channels:
+    if TRANSMISSION in open_channels:
         error = Fit.of(search.dictionary, search.scores, selection).relative_error(TRANSMISSION, "torsional_compliance")
         found = replace(found, compliance_error=error)
     answer = _answer(task, found, lacks(found), search, selection)
@@ -89,7 +93,7 @@ def _answer(task: Task, found: Coverage, missing: list[Lack], search: Search, se
     experiments = list(_experiments([*missing, *denied]))
     for effect in effects:
         experiments += _separating(task, effect)
-    verdict = _verdict(effects, unknown, bool(denied), blocked, {*channels, *found.too_short})
+    verdict = _verdict(effects, unknown, bool(denied), blocked, {*found.acceleration_snr, *found.too_short})
     if verdict == CANNOT_TELL:
         effects, unknown = (), None
     notes = tuple(lack.what for lack in [*missing, *denied])

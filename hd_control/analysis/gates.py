@@ -114,7 +114,7 @@ def lacks(found: Coverage) -> list[Lack]:
             f"speeds from {found.slow_speed:.3g} to {found.fast_speed:.3g} rad/s only "
             f"({found.speed_decades:.1f} decades, {SPEED_DECADES:g} needed)"
         )
-        missing.append(Lack(what, (MOTOR,), "the shape of friction over speed", _SPEEDS))
+        missing.append(Lack(what, (MOTOR, LINK), "the shape of friction over speed", _SPEEDS))
     for name in (MOTOR, LINK):
         snr = found.acceleration_snr.get(name)
         if snr is not None and snr < ACCELERATION_SNR:

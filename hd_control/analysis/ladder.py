@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from hd_control.analysis.adding import FittedJoint, fit_joint
 from hd_control.analysis.compare import JointComparison, noises_of
 from hd_control.analysis.diagnose import diagnose
@@ -165,8 +167,18 @@ def _rung(
     train, held = (judge.compare(model) for judge in judges)
     count = sum(len(values) for values in model.joint(joint).effects.values())
     errors = [{name: channel.rms_error for name, channel in found.channels.items()} for found in (train, held)]
-    floor = {name: channel.noise_floor for name, channel in held.channels.items()}
+    floor = {name: _held_out_floor(name, train, held) for name in held.channels}
     return LadderRung(effect, count, errors[0], errors[1], floor, model, added)
+
+
+def _held_out_floor(name: str, train: JointComparison, held: JointComparison) -> float:
+    """Noise of a channel in the held-out recording: that of the longer recording, at the speeds of the held-out one."""
+    if name not in train.channels or train.channels[name].used.sum() < held.channels[name].used.sum():
+        return held.channels[name].noise_floor
+    noise, channel = train.noises[name], held.dictionary.equations.channels[name]
+    velocity = held.dictionary.equations.states.motor_velocity[:: channel.band.step]
+    level = noise.level(velocity[channel.fitted])
+    return noise.deviation * float(np.sqrt(np.mean(level**2)))
 
 
 def _with(model: Model, joint: str, fitted: FittedJoint) -> Model:

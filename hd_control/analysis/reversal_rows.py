@@ -23,6 +23,7 @@ LEAST_SHARE = 0.6
 TORQUE_RATIO = (0.4, 2.5)
 """Torque that builds up over the Coulomb torque."""
 LEAST_GAIN = 150.0
+LEAST_T = 8.0
 BLOCK_S = 0.66
 FOLDS = 6
 DRAWS = 200
@@ -94,6 +95,8 @@ def _judge(sums: FloatArray, error: float, noise: float, coulomb: float) -> Pres
     low, high = np.quantile(draws, [0.025, 0.975], axis=0)
     logs = np.sign(gains[:, best]) * np.log1p(np.abs(gains[:, best]))
     t = float(logs.mean() / (logs.std(ddof=1) / np.sqrt(blocks)))
+    if t < LEAST_T:
+        return None
     values = {
         "presliding_distance": Interval(distance, float(low[0]), float(high[0])),
         "presliding_torque": Interval(noise * torque, noise * float(low[1]), noise * float(high[1])),

@@ -30,8 +30,8 @@ class Thresholds:
     burst_gain: float = 150.0
     most_effects: int = 6
     most_curves: int = 2
-    curve_penalty: float = 40.0
-    effect_penalty: float = 8.0
+    curve_penalty: float = 25.0
+    effect_penalty: float = 15.0
     ghost: float = 1e-4
     relative: float = 0.1
     curve_relative: float = 0.005
@@ -69,7 +69,6 @@ class Search:
         )
         self._library = np.array([not group.is_curve for group in self.groups])
         self._place = {id(group): i for i, group in enumerate(self.groups)}
-        self._plain_loss = scores.loss(dictionary.base)
         self._rankings: dict[frozenset[int], FloatArray] = {}
         self._supports: dict[tuple[int, frozenset[int]], Support] = {}
 
@@ -128,9 +127,21 @@ class Search:
             self.penalty[self._place[id(g)]] + (limits.curve_penalty if g.is_curve else limits.effect_penalty)
             for g in selection
         ]
-        loss = self.scores.loss(self.index(selection))
-        curves = sum(g.is_curve for g in selection)
-        return loss + float(sum(extra)) + limits.curve_relative * curves * max(0.0, self._plain_loss - loss)
+        return self.scores.loss(self.index(selection)) + float(sum(extra))
+
+    def margin(self, selection: Selection, channels: Sequence[str]) -> float:
+        """nats that a curve on these channels must gain beyond: what laws with a shape may leave by not being exact."""
+        laws = [g for g in selection if g.effect is not None and set(g.channels) & set(channels) and self._bent(g)]
+        gains = [self.support(g, tuple(h for h in selection if h is not g)).gain for g in laws]
+        return self.thresholds.curve_relative * max(gains, default=0.0)
+
+    def _bent(self, group: Group) -> bool:
+        """True for a law with a shape that is fitted, or that leaves rows out."""
+        states = self.dictionary.equations.states
+        effect = group.effect
+        return effect is not None and bool(
+            effect.shape_bounds(group.shape, states) or effect.blind(states, group.shape)
+        )
 
     def forward(self, selection: Selection) -> Selection:
         """Adds acceptable effects, best first, and tidies up after each."""
@@ -188,7 +199,9 @@ class Search:
             if added is None:
                 break
             tidied = self.forward(self.tidy(self.tidy(added)))
-            if self.criterion(tidied) >= self.criterion(selection) - 1e-6:
+            fresh = [g for g in tidied if g.is_curve and g not in selection]
+            margin = max((self.margin(selection, g.channels) for g in fresh), default=0.0)
+            if self.criterion(tidied) >= self.criterion(selection) - max(margin, 1e-6):
                 break
             selection = tidied
         return selection
@@ -205,7 +218,9 @@ class Search:
             share = self.thresholds.relative if h.is_curve or family else self.thresholds.ghost
             return gains[id(g)] <= share * gains[id(h)]
 
-        return tuple(g for g in selection if not any(ghost(g, h) for h in selection))
+        strong = tuple(g for g in selection if not any(ghost(g, h) for h in selection))
+        rest = {id(g): tuple(h for h in strong if h is not g) for g in strong}
+        return tuple(g for g in strong if g.is_curve or self.support(g, rest[id(g)]).gain > self.thresholds.gain)
 
     def best_curves(self, selection: Selection, count: int = 3) -> list[Group]:
         """The free curves with the largest acceptable gain on top of a selection."""
@@ -215,12 +230,16 @@ class Search:
 
     def run(self) -> Selection:
         """The selection with the smallest criterion over the plain way and the restarts."""
-        plain = self.forward(())
-        found = [self.extend(plain)]
-        if len(found[0]) > 1 or any(g.is_curve for g in found[0]):
+        best = self.extend(self.forward(()))
+        if len(best) > 1 or any(g.is_curve for g in best):
             for curve in self.best_curves(()):
-                found.append(self.extend(self.forward((curve,))))
-        return min(found, key=self.criterion)
+                other = self.extend(self.forward((curve,)))
+                mine = {id(g) for g in best}
+                fresh = [g for g in other if g.is_curve and id(g) not in mine]
+                margin = max((self.margin(best, g.channels) for g in fresh), default=0.0)
+                if self.criterion(other) < self.criterion(best) - margin:
+                    best = other
+        return best
 
 
 def _key(selection: Selection) -> frozenset[int]:
