@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hd_control import _records
+from hd_control.record.block import Block
 from hd_control.record.cdr import VALUES, JointStateCodec, TemperatureCodec, codec_of
 from hd_control.record.fixed_cdr import SURPLUS, FixedCodec, FloatArray, IntArray, MessageColumns
-from hd_control.record.mcap_source import Block
 
 MAX_LAYOUTS = 64
 

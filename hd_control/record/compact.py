@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from hd_control import _records
 from hd_control.core.errors import BagError
-from hd_control.record.mcap_file import MESSAGE, McapFile
-from hd_control.record.mcap_source import Block, McapSource
+from hd_control.record.block_records import block_records
+from hd_control.record.mcap_file import McapFile
+from hd_control.record.mcap_source import McapSource
 
 Digests = dict[int, Any]
 
@@ -56,7 +56,7 @@ def _write(source: McapSource, target: Path, give_up: Callable[[], bool] | None)
                 raise _GivenUp
             for channel in np.unique(block.channel).tolist():
                 part = block.select(block.channel == channel)
-                data, places = _records_of(part)
+                data, places = block_records(part, numbers[channel])
                 digests.setdefault(channel, hashlib.sha256()).update(data)
                 file.add_chunk(numbers[channel], data, part.log_time_ns, places)
         file.finish()
@@ -75,19 +75,10 @@ def _copy_descriptions(source: McapSource, file: McapFile) -> dict[int, int]:
     return numbers
 
 
-def _records_of(part: Block) -> tuple[bytes, np.ndarray[Any, np.dtype[np.int64]]]:
-    lengths = part.length + MESSAGE.size
-    places = np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64)
-    if (part.length == part.length[0]).all():
-        return _records.take(part.buffer, part.offset - MESSAGE.size, 0, int(lengths[0])).tobytes(), places
-    pairs = zip((part.offset - MESSAGE.size).tolist(), lengths.tolist(), strict=True)
-    return b"".join(bytes(part.buffer[at : at + length]) for at, length in pairs), places
-
-
 def _digests(source: McapSource) -> dict[int, str]:
     digests: Digests = {}
     for block in source.blocks(list(source.topics)):
         for channel in np.unique(block.channel).tolist():
-            data, _ = _records_of(block.select(block.channel == channel))
+            data, _ = block_records(block.select(block.channel == channel), channel)
             digests.setdefault(channel, hashlib.sha256()).update(data)
     return {channel: digest.hexdigest() for channel, digest in digests.items()} if not source.problems else {}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hd_control.core.errors import BagError
-from hd_control.record.mcap_source import Block
+from hd_control.record.block import Block
 from hd_control.record.problems import Problem
 
 BLOCK_MESSAGES = 1 << 14
@@ -27,6 +27,7 @@ class Db3Source:
             raise BagError(f"{path}: no such file; check the path")
         self.path, self.problems = path, list[Problem]()
         self.closed, self.checksums = True, False
+        self.expected: dict[int, int] | None = None
         self.metadata: dict[str, dict[str, str]] = {}
         try:
             self._reader = Reader(path)
@@ -43,6 +44,14 @@ class Db3Source:
         """The message definition text of a topic; empty if the file has none."""
         connection = self._connections.get(channel)
         return str(connection.msgdef.data) if connection else ""
+
+    def description(self, channel: int) -> tuple[str, bytes, dict[str, str], str]:
+        """(schema encoding, definition, channel metadata, message encoding), for copying."""
+        connection = self._connections[channel]
+        text = connection.msgdef.data
+        form = connection.msgdef.format.name.lower()
+        metadata = {"topic_type_hash": str(connection.digest or "")}
+        return ("ros2idl" if form == "idl" else "ros2msg"), text.encode("utf-8"), metadata, "cdr"
 
     def attachment_records(self) -> dict[str, Any]:
         """None in this format."""

@@ -47,13 +47,13 @@ def message_record(channel: int, sequence: int, log_time_ns: int, publish_time_n
 
 
 def message_records(
-    channel: int, first_sequence: int, log_times_ns: IntArray, publish_times_ns: IntArray, rows: ByteArray
+    channel: int, sequences: IntArray, log_times_ns: IntArray, publish_times_ns: IntArray, rows: ByteArray
 ) -> tuple[bytes, IntArray]:
     """Many messages of equal length, rows of (n, size), as records; also where each record begins."""
     count, size = rows.shape
     heads = np.zeros(count, _HEAD)
     heads["opcode"], heads["length"], heads["channel"] = Opcode.MESSAGE, 22 + size, channel
-    heads["sequence"] = (first_sequence + np.arange(count)) & 0xFFFFFFFF
+    heads["sequence"] = sequences & 0xFFFFFFFF
     heads["log_time"], heads["publish_time"] = log_times_ns, np.maximum(publish_times_ns, 0)
     records = np.concatenate([heads.view(np.uint8).reshape(count, MESSAGE.size), rows], axis=1)
     return records.tobytes(), np.arange(count, dtype=np.int64) * (MESSAGE.size + size)
@@ -75,19 +75,18 @@ class McapFile:
         self.first_ns, self.last_ns = 0, 0
         self._append(records.Header(profile="ros2", library="hd_control"))
 
-    def add_schema(self, name: str, definition: str) -> int:
-        """A new schema id for a ros2msg definition."""
-        schema = records.Schema(
-            id=len(self._schemas) + 1, data=definition.encode("utf-8"), encoding="ros2msg", name=name
-        )
+    def add_schema(self, name: str, definition: str | bytes, encoding: str = "ros2msg") -> int:
+        """A new schema id for a message definition."""
+        data = definition.encode("utf-8") if isinstance(definition, str) else definition
+        schema = records.Schema(id=len(self._schemas) + 1, data=data, encoding=encoding, name=name)
         self._schemas.append(schema)
         self._append(schema)
         return schema.id
 
-    def add_channel(self, topic: str, schema_id: int, metadata: dict[str, str]) -> int:
+    def add_channel(self, topic: str, schema_id: int, metadata: dict[str, str], encoding: str = "cdr") -> int:
         """A new channel id."""
         channel = records.Channel(
-            id=len(self._channels) + 1, topic=topic, message_encoding="cdr", metadata=metadata, schema_id=schema_id
+            id=len(self._channels) + 1, topic=topic, message_encoding=encoding, metadata=metadata, schema_id=schema_id
         )
         self._channels.append(channel)
         self._append(channel)

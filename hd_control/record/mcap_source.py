@@ -1,7 +1,7 @@
 """One MCAP file, opened read-only: everything whole in it, and a list of what is not.
 
-The file is walked once from the front, so an unfinished or cut file gives its whole prefix. If the walk meets damage
-and the index at the end is intact, the chunks behind the damage are read through the index.
+The file is walked once from the front, so an unfinished or cut file gives its whole prefix. Behind damage the walk goes
+on where a chain of records begins again; chunks that the index at the end names and the walk did not meet are read too.
 """
 
 from __future__ import annotations
@@ -10,66 +10,28 @@ import mmap
 import zlib
 from collections import Counter
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import mcap.records as records
 import numpy as np
-from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
 from hd_control import _records
 from hd_control.core.errors import BagError
+from hd_control.record.block import BLOCK_MESSAGES, Block, scanned_block
 from hd_control.record.chunks import ChunkError, ChunkPlace, chunk_data, chunk_place
 from hd_control.record.fixed_cdr import Buffer, IntArray
+from hd_control.record.mcap_end import parse_record, read_end
 from hd_control.record.mcap_file import MAGIC
 from hd_control.record.problems import RECORD_CAP, Problem
+from hd_control.record.resync import Resync
 
-BLOCK_MESSAGES = 1 << 16
-
-
-@dataclass(frozen=True)
-class Block:
-    """Messages found in one buffer: parallel arrays (n,); `offset` and `length` are those of the payloads."""
-
-    buffer: Buffer
-    channel: IntArray
-    sequence: IntArray
-    log_time_ns: IntArray
-    publish_time_ns: IntArray
-    offset: IntArray
-    length: IntArray
-
-    def select(self, where: Any) -> Block:
-        """The messages at an index or mask."""
-        return Block(
-            self.buffer,
-            self.channel[where],
-            self.sequence[where],
-            self.log_time_ns[where],
-            self.publish_time_ns[where],
-            self.offset[where],
-            self.length[where],
-        )
-
-    def payloads(self) -> Iterator[bytes]:
-        """The bytes of each message."""
-        for at, length in zip(self.offset.tolist(), self.length.tolist(), strict=True):
-            yield bytes(self.buffer[at : at + length])
-
-
-def _block(buffer: Buffer, found: dict[str, Any]) -> Block:
-    return Block(
-        buffer,
-        found["channel"],
-        found["sequence"],
-        found["log_time"],
-        found["publish_time"],
-        found["offset"],
-        found["length"],
-    )
+MAX_PROBLEMS = 100
+"""So many are told one by one; a file with more of them is told as a number."""
+MAX_DESCRIPTIONS = 20_000
+"""Schemas, channels, metadata and attachments of one file; no recording has so many, a made file may."""
+_DESCRIPTIONS = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.ATTACHMENT, Opcode.METADATA}
 
 
 class McapSource:
@@ -89,7 +51,10 @@ class McapSource:
         self._channels: dict[int, records.Channel] = {}
         self._attachments: dict[str, tuple[int, int]] = {}
         self._pieces: list[tuple[int | ChunkPlace, frozenset[int]]] = []
-        self._chunk_indexes: list[records.ChunkIndex] = []
+        self._chunks_met: set[int] = set()
+        self._descriptions = 0
+        self._told: set[Problem] = set()
+        self._untold = 0
         self._data_end: tuple[int, int] | None = None
         self._buffer = _open(path)
         self._walk()
@@ -99,6 +64,13 @@ class McapSource:
         known = self._channels.get(channel)
         schema = self._schemas.get(known.schema_id) if known else None
         return schema.data.decode("utf-8", "replace") if schema else ""
+
+    def description(self, channel: int) -> tuple[str, bytes, dict[str, str], str]:
+        """(schema encoding, definition, channel metadata, message encoding), for copying."""
+        known = self._channels[channel]
+        schema = self._schemas.get(known.schema_id)
+        encoding, data = (schema.encoding, schema.data) if schema else ("", b"")
+        return encoding, data, dict(known.metadata), known.message_encoding
 
     def schema_records(self) -> list[records.Schema]:
         """The schemas by number."""
@@ -124,48 +96,74 @@ class McapSource:
         for piece, present in self._pieces:
             if not wanted & present:
                 continue
-            if isinstance(piece, ChunkPlace):
-                block = self._chunk_block(piece)
-            else:
-                block = _block(self._buffer, _records.scan(self._buffer, piece, RECORD_CAP, BLOCK_MESSAGES))
-            if block is not None:
+            parts = self._chunk_blocks(piece) if isinstance(piece, ChunkPlace) else [self._plain_block(piece)]
+            for block in parts:
                 yield block if present <= wanted else block.select(np.isin(block.channel, list(wanted)))
 
-    def _chunk_block(self, place: ChunkPlace) -> Block | None:
+    def _plain_block(self, at: int) -> Block:
+        return scanned_block(self._buffer, _records.scan(self._buffer, at, RECORD_CAP, BLOCK_MESSAGES))
+
+    def _chunk_blocks(self, place: ChunkPlace) -> Iterator[Block]:
+        """The messages of a chunk, which was found whole before."""
         try:
             data = chunk_data(self._buffer, place)
         except ChunkError as error:
             self._problem(str(error), place.record_offset)
-            return None
-        return _block(data, _records.scan(data, 0, RECORD_CAP, 1 << 30))
+            return
+        at, more = 0, True
+        while more:
+            found = _records.scan(data, at, RECORD_CAP, BLOCK_MESSAGES)
+            at, more = found["stop"], found["limit"]
+            yield scanned_block(data, found)
 
     def _walk(self) -> None:
-        size, at = len(self._buffer), len(MAGIC)
+        """Takes every record in order; behind damage it goes on where records begin again."""
+        end = read_end(self._buffer)
+        self.expected = end.counts
+        at: int | None = len(MAGIC)
+        resync = Resync(self._buffer)
+        while at is not None:
+            found = self._walk_from(at)
+            stop = found["stop"]
+            if found["footer"]:
+                self._check_end(stop)
+                break
+            again = resync.next_record(stop + 1, self.topics.keys()) if found["reason"] else None
+            missing = (len(self._buffer) if again is None else again) - stop
+            reason = found["reason"] or "no footer: the recording was not closed"
+            self._problem(f"{reason}; {missing} of {len(self._buffer)} bytes from here on are not readable", stop)
+            at = again
+        if end.damaged_at >= 0:
+            self._problem("the index at the end is damaged (checksum)", end.damaged_at, loses_data=False)
+        self._add_indexed([index.chunk_start_offset for index in end.chunks])
+        self._compare_counts()
+        if self._untold:
+            self.problems.append(Problem(f"{self._untold} more of such problems", self.path.name))
+
+    def _walk_from(self, at: int) -> dict[str, Any]:
+        """Takes the records from one place on up to the first one that cannot be read, or the footer."""
         while True:
-            found = _records.scan(self._buffer, at, RECORD_CAP, BLOCK_MESSAGES)
+            found: dict[str, Any] = _records.scan(self._buffer, at, RECORD_CAP, BLOCK_MESSAGES)
             self._take_others(found, self._buffer)
             if len(found["channel"]):
                 self.checksums = False
                 self._add_messages(at, found["channel"], at)
             at = found["stop"]
             if not found["limit"]:
-                break
-        self._read_end(size)
-        if found["footer"]:
-            self.closed = bytes(self._buffer[at : at + 8]) == MAGIC
-            if not self.closed:
-                self._problem("the closing magic is damaged", at)
-            self._check_data()
-        else:
-            reason = found["reason"] or "no footer: the recording was not closed"
-            self._problem(f"{reason}; the last {size - at} of {size} bytes are not readable in order", at)
-            self._continue_behind(at)
-        self._compare_counts()
+                return found
+
+    def _check_end(self, at: int) -> None:
+        self.closed = bytes(self._buffer[at : at + 8]) == MAGIC
+        if not self.closed:
+            self._problem("the closing magic is damaged", at)
+        self._check_data()
 
     def _take_others(self, found: dict[str, Any], buffer: Buffer) -> None:
         for opcode, offset, length in zip(
             found["other_opcode"].tolist(), found["other_offset"].tolist(), found["other_length"].tolist(), strict=True
         ):
+            if opcode in _DESCRIPTIONS and not self._has_room():
+                continue
             if opcode == Opcode.SCHEMA:
                 if (schema := self._parse(records.Schema, offset, length, buffer)) is not None:
                     self._schemas[schema.id] = schema
@@ -181,6 +179,13 @@ class McapSource:
             elif opcode == Opcode.DATA_END and length == 4:
                 self._data_end = (offset - 9, int.from_bytes(buffer[offset : offset + 4], "little"))
 
+    def _has_room(self) -> bool:
+        """Counts one more description; False beyond the cap, which is said."""
+        self._descriptions += 1
+        if self._descriptions > MAX_DESCRIPTIONS:
+            self._problem(f"more than {MAX_DESCRIPTIONS} descriptions; the rest is not read")
+        return self._descriptions <= MAX_DESCRIPTIONS
+
     def _add_channel(self, channel: records.Channel | None) -> None:
         if channel is None:
             return
@@ -192,6 +197,7 @@ class McapSource:
         self._channels[channel.id] = channel
 
     def _add_chunk(self, offset: int, length: int) -> None:
+        self._chunks_met.add(offset - 9)
         try:
             place = chunk_place(self._buffer, offset, length)
             data = chunk_data(self._buffer, place)
@@ -225,26 +231,6 @@ class McapSource:
             return
         self._attachments[record.name] = (offset, length)
 
-    def _read_end(self, size: int) -> None:
-        """Statistics and chunk index from the summary, if the footer at the very end is whole."""
-        if size < 45 or bytes(self._buffer[size - 8 : size]) != MAGIC or self._buffer[size - 37] != Opcode.FOOTER:
-            return
-        start = int.from_bytes(self._buffer[size - 28 : size - 20], "little")
-        crc = int.from_bytes(self._buffer[size - 12 : size - 8], "little")
-        if not len(MAGIC) <= start <= size - 37:
-            return
-        if crc and zlib.crc32(self._buffer[start : size - 12]) != crc:
-            self._problem("the index at the end is damaged (checksum)", start, loses_data=False)
-            return
-        found = _records.scan(self._buffer, start, RECORD_CAP, 1)
-        for opcode, offset, length in zip(
-            found["other_opcode"].tolist(), found["other_offset"].tolist(), found["other_length"].tolist(), strict=True
-        ):
-            if opcode == Opcode.STATISTICS and (s := self._parse(records.Statistics, offset, length, self._buffer)):
-                self.expected = dict(s.channel_message_counts)
-            elif opcode == Opcode.CHUNK_INDEX and (c := self._parse(records.ChunkIndex, offset, length, self._buffer)):
-                self._chunk_indexes.append(c)
-
     def _check_data(self) -> None:
         if self._data_end is None:
             self._problem("the data section has no end record")
@@ -255,12 +241,12 @@ class McapSource:
             else:
                 self._problem("the checksum of the data section is wrong: some values may be damaged")
 
-    def _continue_behind(self, at: int) -> None:
-        for index in self._chunk_indexes:
-            start = index.chunk_start_offset
-            if at < start <= len(self._buffer) - index.chunk_length and self._buffer[start] == Opcode.CHUNK:
+    def _add_indexed(self, starts: Collection[int]) -> None:
+        """Chunks that the index names and the walk did not meet."""
+        for start in sorted(set(starts) - self._chunks_met):
+            if 0 < start < len(self._buffer) - 9 and self._buffer[start] == Opcode.CHUNK:
                 length = int.from_bytes(self._buffer[start + 1 : start + 9], "little")
-                if length == index.chunk_length - 9:
+                if length <= len(self._buffer) - start - 9:
                     self._add_chunk(start + 9, length)
 
     def _compare_counts(self) -> None:
@@ -274,15 +260,20 @@ class McapSource:
 
     def _parse(self, kind: Any, offset: int, length: int, buffer: Buffer) -> Any:
         try:
-            return kind.read(ReadDataStream(BytesIO(bytes(buffer[offset : offset + length]))))
-        except Exception as error:  # the library leaks struct.error, UnicodeDecodeError, EndOfFile, …
-            self._problem(f"{kind.__name__} record is not readable ({type(error).__name__})", offset)
+            return parse_record(kind, buffer, offset, length)
+        except ValueError as error:
+            self._problem(str(error), offset)
             return None
 
     def _problem(self, text: str, offset: int = -1, loses_data: bool = True) -> None:
         problem = Problem(text, self.path.name, offset, loses_data)
-        if problem not in self.problems:
-            self.problems.append(problem)
+        if problem in self._told:
+            return
+        if len(self._told) >= MAX_PROBLEMS:
+            self._untold += 1
+            return
+        self._told.add(problem)
+        self.problems.append(problem)
 
 
 def _open(path: Path) -> memoryview:

@@ -10,7 +10,7 @@ The original is opened read-only. Only BagError leaves this module; what cannot 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -20,13 +20,14 @@ import numpy as np
 
 from hd_control.core.errors import BagError, ConfigError
 from hd_control.record import metadata_yaml
+from hd_control.record.block import Block
 from hd_control.record.cdr import typestore
 from hd_control.record.columns import Columns, decode
 from hd_control.record.db3_source import Db3Source
-from hd_control.record.mcap_source import Block, McapSource
+from hd_control.record.mcap_source import McapSource
 from hd_control.record.problems import Problem
 from hd_control.record.schema import base_name
-from hd_control.record.writer import ACCOUNTING
+from hd_control.record.writer import ACCOUNTING, RECOVERY
 
 Source = McapSource | Db3Source
 
@@ -41,7 +42,11 @@ class Gap:
 
 
 class BagReader:
-    """An open recording. `problems` lists what is missing; `complete` is False if any of it loses data."""
+    """An open recording. `problems` lists what is missing; `complete` is False if any of it loses data.
+
+    `damage` are the problems of the files themselves, found at opening: without what a recovered recording says that
+    its original had lost.
+    """
 
     def __init__(self, path: str | Path) -> None:
         """Opens and walks the whole recording once. Raises BagError if there is nothing that can be read."""
@@ -55,6 +60,8 @@ class BagReader:
         for source in self._sources:
             self._add(source)
         self._compare_with_index()
+        self.damage = tuple(self.problems)
+        self._tell_recovery()
 
     def _add(self, source: Source) -> None:
         self.problems.extend(source.problems)
@@ -77,10 +84,37 @@ class BagReader:
             if want != have:
                 self.problems.append(Problem(f"{topic}: metadata.yaml states {want} messages, {have} are readable"))
 
+    def _tell_recovery(self) -> None:
+        """A recovered recording is whole as a file, and still lacks what could not be recovered."""
+        recovery = self.metadata.get(RECOVERY)
+        if recovery is None:
+            return
+        try:
+            lost = [str(text) for text in json.loads(recovery.get("lost", "[]"))]
+        except (ValueError, TypeError, RecursionError):
+            lost = ["what was lost is not readable"]
+        name = recovery.get("source", "another recording")
+        self.problems.append(Problem(f"recovered from {name}", loses_data=False))
+        self.problems.extend(Problem(f"lost before the recovery: {text}") for text in lost)
+
     @property
     def complete(self) -> bool:
         """True if nothing is known to be missing."""
         return not any(problem.loses_data for problem in self.problems)
+
+    @property
+    def expected(self) -> dict[str, int]:
+        """Messages by topic that the file's statistics or metadata.yaml promise; empty if it was never closed."""
+        found = dict(self._index.counts) if self._index else {}
+        for topic in self.topics:
+            stated = [s.expected.get(c, 0) for s in self._sources if s.expected for c in _channels(s, topic)]
+            found[topic] = max(sum(stated), found.get(topic, 0))
+        return {topic: count for topic, count in found.items() if count}
+
+    @property
+    def sources(self) -> Sequence[Source]:
+        """The storage files, in order."""
+        return tuple(self._sources)
 
     @property
     def attachments(self) -> dict[str, bytes]:
@@ -186,11 +220,14 @@ class BagReader:
 
     def _blocks(self, name: str) -> Iterator[Block]:
         for source in self._sources:
-            numbers = [c for c, t in source.topics.items() if t == name and source.types[c] == self.topics[name]]
-            before = len(source.problems)
+            numbers = [c for c in _channels(source, name) if source.types[c] == self.topics[name]]
             yield from source.blocks(numbers)
-            for problem in source.problems[before:]:
-                self._note(problem)
+            self.take_problems(source)
+
+    def take_problems(self, source: Source) -> None:
+        """Adds what a source met while its blocks were read."""
+        for problem in source.problems:
+            self._note(problem)
 
     def _deserializer(self, name: str) -> Any:
         type_name = self.topics[name]
@@ -206,6 +243,10 @@ class BagReader:
     def _note(self, problem: Problem) -> None:
         if problem not in self.problems:
             self.problems.append(problem)
+
+
+def _channels(source: Source, topic: str) -> list[int]:
+    return [channel for channel, name in source.topics.items() if name == topic]
 
 
 def _streams(columns: Columns) -> list[Any]:

@@ -33,7 +33,7 @@ from hd_control.record.schema import message_definition, topic_info, type_hash
 FLUSH_NS = 20_000_000
 FLUSH_BYTES = 65_536
 CHUNK_BYTES = 1 << 20
-SESSION, ACCOUNTING = "hd_session", "hd_accounting"
+SESSION, ACCOUNTING, RECOVERY = "hd_session", "hd_accounting", "hd_recovery"
 
 
 class BagWriter:
@@ -153,7 +153,8 @@ class BagWriter:
         for begin in range(0, len(stamps), step):
             part = slice(begin, begin + step)
             rows = codec.encode_columns(stamps[part], frame_id, **{name: array[part] for name, array in arrays.items()})
-            records, places = message_records(channel.number, channel.account.written, logs[part], stamps[part], rows)
+            numbers = channel.account.written + np.arange(len(rows))
+            records, places = message_records(channel.number, numbers, logs[part], stamps[part], rows)
             channel.account.see_many(stamps[part], frame_id.encode("utf-8"))
             try:
                 self._guard(partial(self._file.add_chunk, channel.number, records, logs[part], places))
