@@ -40,8 +40,10 @@ class Question:
 
 Ask = Callable[[Question], Mapping[str, Any]]
 """A diagnosis: the JSON form of one joint, schema hd.diagnosis/1."""
-Oracle = Callable[[Question, Mapping[str, Any], Sequence[str]], float | None]
-"""After the answer, with the true names: held-out reduction over that of the true structure, None if not measured."""
+Oracle = Callable[[Question, Mapping[str, Any], Sequence[str], int], Mapping[str, float | None]]
+"""After the answer, with the true names and the seed: `gain`, nats that the weakest of the true effects gains beside
+the others, and `held_out_share`, held-out reduction of the answer over that of the true structure; None: not measured.
+"""
 
 
 @dataclass(frozen=True)
@@ -73,10 +75,10 @@ def run_one(campaign: Campaign, seed: int, ask: Ask, oracle: Oracle | None = Non
         answer = {"verdict": FAILED, "effects": [], "unknown": None, "experiments": [], "error": str(error)}
     seconds = time.process_time() - start
     again = _after_experiment(pair, ask) if answer["verdict"] == REFUSED else None
-    share = None
+    known: Mapping[str, float | None] = {}
     if oracle is not None and answer["verdict"] != FAILED and pair.case.names:
-        share = oracle(question, answer, pair.case.names)
-    return _record(pair, answer, seconds, share, again)
+        known = oracle(question, answer, pair.case.names, seed)
+    return _record(pair, answer, seconds, known, again)
 
 
 def _after_experiment(pair: Pair, ask: Ask) -> dict[str, Any]:
@@ -96,7 +98,7 @@ def _joint_truth(pair: Pair) -> Mapping[str, Any]:
 
 
 def _record(
-    pair: Pair, answer: dict[str, Any], seconds: float, share: float | None, again: dict[str, Any] | None
+    pair: Pair, answer: dict[str, Any], seconds: float, known: Mapping[str, float | None], again: dict[str, Any] | None
 ) -> dict[str, Any]:
     case = pair.case
     record: dict[str, Any] = _plain(
@@ -113,7 +115,8 @@ def _record(
             "score_after_experiment": again,
             "answer": answer,
             "cpu_seconds": seconds,
-            "held_out_share": share,
+            "held_out_share": known.get("held_out_share"),
+            "oracle_gain": known.get("gain"),
         }
     )
     return record

@@ -71,6 +71,53 @@ def ask(question: Question) -> Mapping[str, Any]:
     return answer.json()
 
 
-def oracle(question: Question, answer: Mapping[str, Any], names: Sequence[str]) -> float | None:
-    """Held-out reduction of the answer over that of the true names, both fitted on the first recording."""
-    return None
+HELD_OUT_EVERY = 4
+"""Of how many joints the held-out reduction is measured once; it costs more than the diagnosis."""
+
+
+def oracle(question: Question, answer: Mapping[str, Any], names: Sequence[str], seed: int) -> dict[str, float | None]:
+    """What the true structure gains on the fitted recording, and what the answer reaches of it on the other one."""
+    gains = {e["name"]: float(e.get("gain_nats") or 0.0) for e in answer.get("effects") or []}
+    named = list(gains)
+    true_gains = [gains[n] if n in gains else _gain_of(question, n, [m for m in names if m != n]) for n in names]
+    share = None
+    if seed % HELD_OUT_EVERY == 0 and named:
+        base, answered, true = (_held_out(question, effects) for effects in ([], named, list(names)))
+        share = (base - answered) / (base - true) if base > true else None
+    return {"gain": min(true_gains, default=0.0), "held_out_share": share}
+
+
+def _fitted(question: Question, effects: Sequence[str]) -> tuple[Model, float]:
+    """The model with these effects, fitted one after the other, and what the last one gained, nats."""
+    from dataclasses import replace
+
+    from hd_control.analysis.adding import fit_joint
+    from hd_control.analysis.workbench import joint_task
+    from hd_control.core.errors import HdError
+
+    joint = str(question.model["joint"])
+    model, gain = nominal_model(question.model), 0.0
+    columns = recording(question.fit, joint, question.period)
+    for effect in [None, *effects]:
+        try:
+            found = fit_joint(joint_task(columns, model, joint), model.joint(joint), effect)
+        except HdError:  # what the recording does not show is not added
+            gain = 0.0
+            continue
+        model, gain = replace(model, joints={joint: found.model}), found.gain
+    return model, gain
+
+
+def _gain_of(question: Question, effect: str, others: Sequence[str]) -> float:
+    return _fitted(question, [*others, effect])[1]
+
+
+def _held_out(question: Question, effects: Sequence[str]) -> float:
+    """Squared held-out errors over the noise floor, channels added, of a fit with these effects."""
+    from hd_control.analysis.workbench import compare_task, joint_task
+
+    joint = str(question.model["joint"])
+    model, _ = _fitted(question, effects)
+    task = joint_task(recording(question.held_out, joint, question.period), model, joint)
+    channels = compare_task(task, model, joint).channels.values()
+    return sum((channel.rms_error / channel.noise_floor) ** 2 for channel in channels)

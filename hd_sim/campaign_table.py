@@ -10,6 +10,9 @@ import numpy as np
 
 FAILED = "failed"
 """Verdict of a diagnosis that ended in an error."""
+CLEAR_GAIN = 200.0
+"""nats that the true effect gains on data that were not used for its fit."""
+CLEAR = f"oracle gain {CLEAR_GAIN:g} nats or more"
 Record = Mapping[str, Any]
 Answer = Callable[[Record], bool | None]
 
@@ -66,8 +69,18 @@ def make_table(records: Sequence[Record]) -> list[Row]:
             _share(f"one effect, {s}: exact, nothing extra", _step(one, s), _flag("clean"))
             for s in ("middle", "strong")
         ),
+        _share(f"one effect, {CLEAR}: top 1", _clear(one), _flag("top_1")),
+        _share(
+            f"one effect, oracle gain {CLEAR_GAIN:g} nats or more: exact, nothing extra", _clear(one), _flag("clean")
+        ),
         _share("two effects: both named", two, lambda r: not r["score"]["missed"]),
+        _share(
+            f"two effects, oracle gains {CLEAR_GAIN:g} nats or more: both named",
+            _clear(two),
+            lambda r: not r["score"]["missed"],
+        ),
         _share("two effects: exact", two, _flag("exact")),
+        _share(f"two effects, {CLEAR}: exact", _clear(two), _flag("exact")),
         _share("two effects: exact, nothing extra", two, _flag("clean")),
         _share("unknown: flagged", unknown, _flag("unknown_flagged")),
         _share("unknown: right variable", unknown, _flag("unknown_variable")),
@@ -90,6 +103,11 @@ def make_table(records: Sequence[Record]) -> list[Row]:
 def _asked_again(records: Iterable[Record]) -> list[Record]:
     """Scores after the judge has played the experiment."""
     return [r["score_after_experiment"] for r in records if r.get("score_after_experiment")]
+
+
+def _clear(records: Iterable[Record]) -> list[Record]:
+    """Those in which every hidden effect leaves a clear trace."""
+    return [record for record in records if (record.get("oracle_gain") or 0.0) >= CLEAR_GAIN]
 
 
 def _flag(name: str) -> Answer:
