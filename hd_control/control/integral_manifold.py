@@ -39,9 +39,19 @@ TABLE, SECTION_5 = "Gandhi, Table I", "Gandhi, section V"
 
 
 def _joint(
-    name: str, meaning: str, unit: str, symbol: str, source: str, low: float = 0.0, *, above: bool = False
+    name: str,
+    meaning: str,
+    unit: str,
+    symbol: str,
+    source: str,
+    low: float = 0.0,
+    *,
+    above: bool = False,
+    change: Change = Change.INACTIVE,
 ) -> Parameter:
-    return Parameter(name, meaning, unit, shape=Shape.PER_JOINT, low=low, open_low=above, symbol=symbol, source=source)
+    return Parameter(
+        name, meaning, unit, shape=Shape.PER_JOINT, low=low, open_low=above, symbol=symbol, source=source, change=change
+    )
 
 
 LINK_INERTIA = _joint("link_inertia", "inertia of the link; 0: the link is locked", "kg m^2", "J_l", TABLE)
@@ -62,9 +72,16 @@ OWN = (
     LINK_INERTIA,
     _joint("stiffness_cubic", "cubic part of the spring; 0 in the law of the paper", "N m/rad^3", "m_2", "chosen"),
     _joint("stiffness_quintic", "quintic part of the spring", "N m/rad^5", "m_3", "chosen"),
-    _joint("rotor_coulomb", "Coulomb friction of the rotor, fed forward; 0 in the paper", "N m", "", "chosen"),
+    _joint(
+        "rotor_coulomb",
+        "Coulomb friction of the rotor, fed forward; 0 in the paper",
+        "N m",
+        "",
+        "chosen",
+        change=Change.HOT,
+    ),
     _joint("friction_speed", "wanted speed at which tanh feeds 76 % of it forward", "rad/s", "", "chosen", above=True),
-    _joint("rotor_damping", "viscous damping of the rotor, output side", "N m s", "N² B_m", TABLE),
+    _joint("rotor_damping", "viscous damping of the rotor, output side", "N m s", "N² B_m", TABLE, change=Change.HOT),
     _joint("link_damping", "viscous damping of the link", "N m s", "B_l", TABLE),
     _joint("hysteresis_stiffness", "slope of the hysteresis torque after a reversal", "N m/rad", "A", TABLE),
     _joint("hysteresis_rate", "how fast it saturates, at A/α", "1/rad", "α", TABLE),

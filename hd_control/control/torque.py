@@ -36,8 +36,17 @@ PARAMETERS = ParameterSet(
     tuple(dict.fromkeys((*torque_adaptive.PARAMETERS.parameters, *integral_manifold.OWN, *torque_feedback.OWN))),
     torque_adaptive.PARAMETERS.rules,
 )
+ESTIMATES = ("coulomb_torque", "friction_offset", "viscous_positive", "viscous_negative", "torsional_compliance")
 _OTHER_LAWS: Mapping[str, Any] = {"integral_manifold": integral_manifold, "torque_feedback": torque_feedback}
 _LAW_OF_BLOCK: Mapping[str, Any] = {"ManifoldParams": integral_manifold, "FeedbackParams": torque_feedback}
+START_VALUES: Mapping[str, str] = {name: f"{name}_initial" for name in ESTIMATES}
+"""Field of TorqueState and the parameter that it starts at."""
+MODEL_FIELDS = (
+    *("kinematic_feedforward", "kinematic_cosine", "kinematic_sine", "load_friction_linear", "load_friction_quadratic"),
+    *START_VALUES.values(),
+    *("rotor_coulomb", "rotor_damping", "friction_torque"),
+)
+"""Fields of the parameter blocks of all laws that are a model of the drive: a live change ramps."""
 _SCALED = ("adaptation_gain_coulomb", "adaptation_gain_viscous", "adaptation_gain_compliance")
 
 
@@ -88,7 +97,7 @@ def configure(values: Mapping[str, Any], robot: NamedJoints | None, dt: float) -
         numbers[name] = own["adaptation_scale"] * np.asarray(chosen[name])
     for kind in ("cosine", "sine"):
         rows = [chosen[f"kinematic_{kind}_{n}"] for n in range(1, HARMONICS + 1)]
-        numbers[f"kinematic_{kind}"] = np.array(rows).T
+        numbers[f"kinematic_{kind}"] = float(own["kinematic_feedforward"]) * np.array(rows).T
     return layout("TorqueParams", len(names)).pack(numbers)
 
 
@@ -110,7 +119,7 @@ def initial_state(params: Block, sample: Block | None = None) -> Block:
     if other is not None:
         return other.initial_state(params, sample)  # type: ignore[no-any-return]
     state = layout("TorqueState", params.joints).zeros()
-    for name in ("coulomb_torque", "friction_offset", "viscous_positive", "viscous_negative", "torsional_compliance"):
+    for name in ESTIMATES:
         state.view(name)[...] = params.view(f"{name}_initial")
     return state
 

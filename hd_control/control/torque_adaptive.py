@@ -48,6 +48,10 @@ def _gain(name: str, meaning: str, unit: str, symbol: str, *, above: bool = True
     return _joint(name, meaning, unit, symbol, above=above, change=Change.HOT)
 
 
+def _load(name: str, meaning: str, unit: str, symbol: str) -> Parameter:
+    return _joint(name, meaning, unit, symbol, "chosen", above=False, change=Change.HOT)
+
+
 def _bounds(name: str, unit: str, symbol: str, starts: tuple[str, ...], low: float = -math.inf) -> list[Parameter]:
     above, source = low == 0.0, "Zhu: 0, or identified"
     limits = [
@@ -63,7 +67,16 @@ def _bounds(name: str, unit: str, symbol: str, starts: tuple[str, ...], low: flo
         for end, sign in (("low", "-"), ("high", "+"))
     ]
     return limits + [
-        _joint(f"{start}_initial", "estimate at the start", unit, f"{symbol}(0)", source, low, above=False)
+        _joint(
+            f"{start}_initial",
+            "estimate at the start; a live change moves the estimate there",
+            unit,
+            f"{symbol}(0)",
+            source,
+            low,
+            above=False,
+            change=Change.HOT,
+        )
         for start in starts
     ]
 
@@ -79,6 +92,7 @@ def _harmonics(kind: str, letter: str) -> list[Parameter]:
             high=0.1,
             symbol=f"{letter}_{n}",
             source="identified",
+            change=Change.HOT,
         )  # fmt: skip
         for n in range(1, HARMONICS + 1)
     ]
@@ -179,7 +193,7 @@ PARAMETERS = ParameterSet(
         ),
         _choice("compliance_derivative", "derivatives of the wanted torsion", COMPLIANCE_DERIVATIVES),
         _choice("rate_source", "rates from the measurements, or from the tracking error", RATE_SOURCES),
-        _switch("kinematic_feedforward", "take the known kinematic error off the wanted rotor motion", Change.INACTIVE),
+        _switch("kinematic_feedforward", "take the known kinematic error off the wanted rotor motion"),
         _switch("adapt_friction", "friction estimates follow the error"),
         _switch("adapt_compliance", "the compliance estimate follows the error"),
         Parameter(
@@ -208,8 +222,8 @@ PARAMETERS = ParameterSet(
         _gain("torque_rate_gain", "joint torque error to velocity", "1/(N m s)", "λ_τ"),
         _gain("motor_velocity_gain", "velocity error to torque", "N m s", "k_φ"),
         _gain("torque_gain", "joint torque error to torque", "-", "k_τ", above=False),
-        _joint("load_friction_linear", "growth of Coulomb friction with load", "1/(N m)", "g_1", "chosen", above=False),
-        _joint("load_friction_quadratic", "growth with load squared", "1/(N m)^2", "g_2", "chosen", above=False),
+        _load("load_friction_linear", "growth of Coulomb friction with load", "1/(N m)", "g_1"),
+        _load("load_friction_quadratic", "growth with load squared", "1/(N m)^2", "g_2"),
         _gain("adaptation_gain_coulomb", "speed of the Coulomb estimate", "N m", "ρ_1", above=False),
         _gain("adaptation_gain_offset", "speed of the offset estimate", "N m", "ρ_2", above=False),
         _gain("adaptation_gain_viscous", "speed of both viscous estimates", "N m s^2", "ρ_3 = ρ_4", above=False),

@@ -25,6 +25,11 @@ from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
 
 HARMONICS = 4
 SOURCES = ("resolver", "complementary")
+MODEL_FIELDS = (
+    *("torsional_stiffness", "gauge_gain", "gauge_offset", "gauge_temperature_drift"),
+    *("gauge_cosine_2", "gauge_sine_2", "gauge_cosine_4", "gauge_sine_4", "kinematic_cosine", "kinematic_sine"),
+)
+"""Fields of the parameter block that are a model of drive and sensors: a live change ramps."""
 
 
 def _joint(
@@ -36,8 +41,17 @@ def _joint(
     high: float = math.inf,
     *,
     above: bool = False,
+    change: Change = Change.INACTIVE,
 ) -> Parameter:
-    return Parameter(name, meaning, unit, shape=Shape.PER_JOINT, low=low, high=high, open_low=above, symbol=symbol)
+    return Parameter(
+        name, meaning, unit, shape=Shape.PER_JOINT, low=low, high=high, open_low=above, symbol=symbol, change=change
+    )
+
+
+def _model(
+    name: str, meaning: str, unit: str, symbol: str = "", low: float = -math.inf, high: float = math.inf
+) -> Parameter:
+    return _joint(name, meaning, unit, symbol, low, high, change=Change.HOT)
 
 
 def _turns_rule(values: Mapping[str, Any]) -> list[str]:
@@ -75,23 +89,23 @@ PARAMETERS = ParameterSet(
             source="chosen",
         ),  # fmt: skip
         _joint("gear_ratio", "rotor turns per joint turn", "-", "N", 0.0, above=True),
-        _joint("torsional_stiffness", "linear stiffness of the drive", "N m/rad", "k_f", 0.0, above=True),
+        _joint("torsional_stiffness", "linear stiffness", "N m/rad", "k_f", 0.0, above=True, change=Change.HOT),
         _joint("encoder_period", "rotor angle at which the encoder wraps; 0: multi-turn", "rad", low=0.0),
         _joint("resolver_period", "joint angle at which the resolver wraps; 0: multi-turn", "rad", low=0.0),
         _joint("encoder_offset", "rotor angle read at zero", "rad"),
         _joint("resolver_offset", "joint angle read at zero", "rad"),
-        _joint("gauge_gain", "indicated torque per true torque", "-", "", 0.1, 10.0),
-        _joint("gauge_offset", "indicated torque at zero torque", "N m"),
-        _joint("gauge_temperature_drift", "change of the offset with temperature", "N m/K"),
+        _model("gauge_gain", "indicated torque per true torque", "-", "", 0.1, 10.0),
+        _model("gauge_offset", "indicated torque at zero torque", "N m"),
+        _model("gauge_temperature_drift", "change of the offset with temperature", "N m/K"),
         _joint("gauge_reference_temperature", "temperature at which gauge_offset holds", "degC", "", -100.0, 300.0),
         _joint("gauge_angle_offset", "gauge angle at zero rotor angle", "rad", "β_0"),
         _joint("gauge_joint_turns", "turns of the gauge per joint turn", "-", "", -1.0, 1.0),
-        _joint("gauge_cosine_2", "ripple with cos 2β", "N m"),
-        _joint("gauge_sine_2", "ripple with sin 2β", "N m"),
-        _joint("gauge_cosine_4", "ripple with cos 4β", "N m"),
-        _joint("gauge_sine_4", "ripple with sin 4β", "N m"),
+        _model("gauge_cosine_2", "ripple with cos 2β", "N m"),
+        _model("gauge_sine_2", "ripple with sin 2β", "N m"),
+        _model("gauge_cosine_4", "ripple with cos 4β", "N m"),
+        _model("gauge_sine_4", "ripple with sin 4β", "N m"),
         *(
-            _joint(
+            _model(
                 f"kinematic_{kind}_{n}", f"kinematic error, {kind} of {n} theta_m", "rad", f"{letter}_{n}", -0.1, 0.1
             )
             for kind, letter in (("cosine", "a"), ("sine", "b"))

@@ -9,6 +9,7 @@ import numpy as np
 
 from hd_control.core.blocks import Block, FloatArray
 from hd_control.core.robot import Robot
+from hd_control.stages.model_ramp import ModelRamp, ramp_to
 from hd_control.stages.wiring import Wiring
 
 Bus = dict[str, dict[str, FloatArray]]
@@ -19,7 +20,7 @@ OK, WARN, ERROR = 0, 1, 2
 
 
 class Stage:
-    """One law with its wiring. `params` may be replaced between ticks by any thread: a reference is swapped.
+    """One law with its wiring. `adopt` may be called by any thread: a reference is swapped (stages/model_ramp.py).
 
     `law` is a law module (docs/architecture.md). `joint_names` are the joints that it runs, all if empty.
     """
@@ -38,6 +39,9 @@ class Stage:
             self._inputs += [(self.reference.view(name), *source) for name, source in wiring.reference.items()]
         self._results: list[tuple[str, str, slice]] = []
         self.params: Block | None = None
+        self._newest: Block | None = None
+        self._taken: Block | None = None
+        self._ramp: ModelRamp | None = None
         self.state: Block | None = None
         self.output: Block | None = None
         self.tick = -1
@@ -47,12 +51,35 @@ class Stage:
         return self.law.configure(values, self.robot, self.dt)  # type: ignore[no-any-return]
 
     def adopt(self, params: Block) -> None:
-        """Takes a new parameter block; the next tick uses it."""
-        self.params = params
+        """Takes a new parameter block, from any thread; the next tick uses it, a changed model ramps from there."""
+        self._newest = params
+        if self.state is None:
+            self._arrive()
 
     def start(self) -> None:
         """Forgets the state; the next tick makes a new one from its sample."""
         self.state, self.tick = None, -1
+        if self._newest is not None:
+            self._arrive()
+
+    def _arrive(self) -> None:
+        """The newest parameters as a whole, without a ramp."""
+        self.params = self._taken = self._newest
+        self._ramp = None
+
+    def _change(self) -> None:
+        """In the loop, before the law's step: the next parameters on the way to the newest."""
+        newest = self._newest
+        if newest is not self._taken:
+            assert self.params is not None and newest is not None
+            self._ramp = ramp_to(self.law, self.params, newest, self.state, self.dt)
+            self._taken = newest
+            if self._ramp is None:
+                self.params = newest
+        ramp = self._ramp
+        if ramp is not None and self.state is not None:
+            self.params, self.state = ramp.step(self.state)
+            self._ramp = None if ramp.done else ramp
 
     def step(self, tick: int, bus: Bus) -> Bus:
         """One tick: reads its inputs from the bus, returns the arrays of each topic that it makes."""
@@ -108,6 +135,8 @@ class Stage:
 
     def advance(self) -> None:
         """The law's step, with the state made on the first tick."""
+        if self._newest is not self._taken or self._ramp is not None:
+            self._change()
         params = self.params
         assert params is not None
         if self.state is None:

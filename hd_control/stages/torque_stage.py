@@ -41,10 +41,13 @@ class TorqueStage(Stage):
         The gate opens with the torque that the drive holds.
         """
         kept = None if self.state is None else torque.restarted(self.state)
+        before = self.params
         super().start()
         assert self.params is not None
         same_law = kept is not None and kept.layout == torque.initial_state(self.params).layout
         self.state = kept if same_law else None
+        if same_law and before is not None:  # a model that changed meanwhile goes on from the estimates that survive
+            self.params = self._taken = before
         self.gate_state, self.gate_open = gate.deactivate(self.gate_state), False
 
     def read(self, bus: Bus) -> None:
