@@ -25,6 +25,8 @@ from hd_control.record.schema import topic_info
 from hd_control.record.writer import BagWriter
 from hd_control.stages import topics
 
+REWRITE_NS = 500_000_000
+"""A rewrite that takes longer is given up, the plain file stays: a signal ends the node within 2 s."""
 ATTACHED = ("nodes.yaml", "fusion_node.yaml", "motion_node.yaml", "torque_node.yaml", "limits.yaml")
 
 
@@ -93,7 +95,9 @@ class RecorderNode(Shell):
         self.loop.remove()
         self.turn.finish()
         self.turn.recorder = None
-        failure = self.recorder.close("stopped on request", self.values["compact"])
+        end = time.monotonic_ns() + REWRITE_NS
+        compact = self.values["compact"]
+        failure = self.recorder.close("stopped on request", compact, lambda: time.monotonic_ns() > end)
         if failure:
             self.fault = self.fault or failure
         if not self.loop.stopping:
@@ -116,6 +120,8 @@ class RecorderNode(Shell):
         if recorder.failure:
             self.fault = self.fault or recorder.failure
             return ERROR, recorder.failure, values
+        if recorder.warning:
+            return WARN, recorder.warning, values
         return (WARN, f"samples lost on {', '.join(dropped)}", values) if dropped else (OK, "recording", values)
 
     def _notes(self) -> dict[str, str]:

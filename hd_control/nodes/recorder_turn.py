@@ -17,7 +17,6 @@ from hd_control.record.schema import TOPICS, topic_info
 from hd_control.stages.topics import COMMAND, SENSORS
 
 BATCH_NS = 5_000_000
-SYNC_NS = 500_000_000
 FINISH_NS, QUIET_NS = 1_000_000_000, 100_000_000
 SETTLE_NS = 200_000_000
 NEEDED = (*SENSORS, COMMAND)
@@ -53,7 +52,7 @@ def topic_names(extra: Sequence[str]) -> list[str]:
 
 
 class RecorderTurn:
-    """Every 5 ms: take all that is waiting, write it, flush; twice a second: force the disk."""
+    """Every 5 ms: take all that is waiting and let the recorder write it."""
 
     def __init__(
         self, loop: FastLoop, topics: Sequence[RecordedTopic], dt_ns: int, tell: Callable[[int], None]
@@ -61,7 +60,6 @@ class RecorderTurn:
         self._loop, self._topics, self._half, self._dt_ns, self._tell = loop, tuple(topics), dt_ns // 2, dt_ns, tell
         self.recorder: Recorder | None = None
         self._told = self._newest_ns = -1
-        self._next_sync = 0
         self._announce_at: int | None = None
         self._announced = False
 
@@ -90,11 +88,8 @@ class RecorderTurn:
                         self._note(taken[0])
         if recorder is None:
             return taken_count
-        recorder.drain()
         now = time.monotonic_ns()
-        if now >= self._next_sync:
-            self._next_sync = now + SYNC_NS
-            recorder.sync()
+        recorder.tend(now)
         if not self._announced:
             self._announce(now)
         elif self._newest_ns > self._told:

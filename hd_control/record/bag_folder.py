@@ -29,6 +29,14 @@ def write_error(path: Path, error: OSError) -> BagError:
     return BagError(f"{path}: cannot be written ({error.strerror or error}); {remedy}; what was written stays")
 
 
+def attachment_bytes(path: Path) -> bytes:
+    """A file to carry in a bag. Raises BagError if it cannot be read."""
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise BagError(f"{path}: cannot be attached ({error.strerror}); give a readable file") from None
+
+
 def space_left(path: Path) -> str:
     """`ok`, `low` (below twice the floor: warn) or `floor` (close the bag now) for the disk that holds `path`.
 

@@ -2,7 +2,7 @@
 
     recorder = Recorder(bag)
     recorder.offer("/encoder", log_time_ns, payload)    # from the subscriptions; never blocks, never raises on data
-    recorder.drain()                                    # from the recording loop, at least every 20 ms
+    recorder.tend(steady_ns)                            # from the recording loop, at least every 20 ms
     recorder.statistics()
 
 Every sample that was published is written or counted as dropped: by transport (holes in the ticks), by the queue
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from operator import itemgetter
@@ -21,12 +21,16 @@ from typing import Any
 
 from hd_control.core.errors import BagError
 from hd_control.record.accounting import TopicAccount, header_of
+from hd_control.record.bag_folder import space_left, write_error
+from hd_control.record.disk_sync import DiskSync
 from hd_control.record.fixed_cdr import Buffer
 from hd_control.record.schema import topic_info
 from hd_control.record.writer import BagWriter
 
 QUEUE_DEPTH = 2000
 EVENT_DEPTH = 100_000
+SYNC_NS, COUNT_NS = 500_000_000, 1_000_000_000
+DISK_FLOOR = "disk_floor"
 
 
 @dataclass
@@ -45,6 +49,7 @@ class _Queue:
 class Recorder:
     """Queues samples and writes them; `offer` and `drain` may run in two threads, the disk never blocks `offer`.
 
+    `failure` says why the recording ended by itself, `warning` that the disk is nearly full.
     `queue_depth` bounds each sensor topic, `total_depth` everything together. Events (goals, faults, descriptions) are
     never dropped before a sensor sample; their queues are bounded by `EVENT_DEPTH`.
     """
@@ -53,6 +58,11 @@ class Recorder:
     queue_depth: int = QUEUE_DEPTH
     total_depth: int = 20_000
     failure: str = ""
+    warning: str = ""
+    _next_sync: int = 0
+    _next_count: int = 0
+    _counted: dict[str, int] = field(default_factory=dict)
+    _disk: DiskSync = field(default_factory=DiskSync)
     _queues: dict[str, _Queue] = field(default_factory=dict)
     _by_any_name: dict[str, _Queue] = field(default_factory=dict)
     _queued: int = 0
@@ -92,6 +102,44 @@ class Recorder:
             elif self._queued > self.total_depth and (longest := self._longest_sensor()):
                 self._drop_oldest(longest)
 
+    def tend(self, now_ns: int) -> None:
+        """Writes what is queued; every half second also starts to force the disk; every second looks at the space and
+        stores the drops if there are new ones. `now_ns` is any clock that does not jump.
+        """
+        self.drain()
+        if now_ns >= self._next_sync and not self.failure:
+            self._next_sync = now_ns + SYNC_NS
+            if error := self._disk.start(self.bag.fileno):
+                self._fail(str(write_error(self.bag.file_path, error)))
+        if now_ns >= self._next_count and not self.failure:
+            self._next_count = now_ns + COUNT_NS
+            self.store_drops()
+            self._watch_space()
+
+    def store_drops(self) -> None:
+        """Writes the counts into the bag if drops were added since the last time: a killed bag tells them too."""
+        with self._lock:
+            drops = {name: queue.account.drops.total for name, queue in self._queues.items()}
+        if self.failure or drops == self._counted or not any(drops.values()):
+            return
+        try:
+            self.bag.store_accounts()
+            self._counted = drops
+        except BagError as error:
+            self._fail(str(error))
+
+    def _watch_space(self) -> None:
+        """At the floor the bag is closed whole, without the rewrite that would need more space."""
+        try:
+            state = space_left(self.bag.path)
+        except BagError as error:
+            self.warning = str(error)
+            return
+        self.warning = "" if state == "ok" else f"{self.bag.path}: the disk is nearly full; free some space"
+        if state == "floor":
+            self.close(DISK_FLOOR, compact=False)
+            self._fail(f"{self.bag.path}: the disk is full ({DISK_FLOOR}); the bag was closed whole, free some space")
+
     def drain(self, limit: int = 1_000_000) -> int:
         """Writes what is queued, in order of log time over all topics, and flushes; returns how many were taken.
 
@@ -124,21 +172,17 @@ class Recorder:
         batch.sort(key=itemgetter(0))
         return batch
 
-    def sync(self) -> None:
-        """Forces the disk; a failure stops the recording like one of `drain`."""
-        if not self.failure:
-            try:
-                self.bag.sync()
-            except BagError as error:
-                self._fail(str(error))
+    def close(self, reason: str = "", compact: bool | None = None, give_up: Callable[[], bool] | None = None) -> str:
+        """Writes the rest, the counts and the index; returns the failure text, empty if all is well.
 
-    def close(self, reason: str = "", compact: bool | None = None) -> str:
-        """Writes the rest, the counts and the index; returns the failure text, empty if all is well."""
+        `give_up` is asked during the rewrite into the compact form; true leaves the plain file.
+        """
+        self._disk.wait()
         if not self.failure:
             self.drain()
         if not self.failure:
             try:
-                self.bag.close(reason, compact)
+                self.bag.close(reason, compact, give_up)
             except BagError as error:
                 self._fail(str(error))
         if self.failure:

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from hd_control.core.errors import BagError
 from hd_control.record import metadata_yaml
 from hd_control.record.accounting import TopicAccount, header_of
-from hd_control.record.bag_folder import make_folder, write_error
+from hd_control.record.bag_folder import attachment_bytes, make_folder, write_error
 from hd_control.record.channel import Channel
 from hd_control.record.fixed_cdr import Buffer, FixedCodec
 from hd_control.record.mcap_file import MESSAGE, McapFile, message_record, message_records
@@ -172,16 +172,18 @@ class BagWriter:
 
     def attach_file(self, path: str | Path, name: str = "") -> None:
         """Attaches a file from disk. Raises BagError if it cannot be read."""
-        try:
-            data = Path(path).read_bytes()
-        except OSError as error:
-            raise BagError(f"{path}: cannot be attached ({error.strerror}); give a readable file") from None
-        self.attach(name or Path(path).name, data)
+        self.attach(name or Path(path).name, attachment_bytes(Path(path)))
 
     def set_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Writes a metadata record now; a later one of the same name replaces it for the reader."""
         self._check_open()
         self._file.add_metadata(name, {str(key): str(value) for key, value in values.items()})
+
+    def store_accounts(self) -> dict[str, str]:
+        """Writes the counts of each topic as they are now and returns them as JSON texts; the last ones count."""
+        accounts = {name: json.dumps(account.as_dict()) for name, account in self.accounts.items()}
+        self.set_metadata(ACCOUNTING, accounts)
+        return accounts
 
     def flush(self) -> None:
         """Hands everything to the operating system: a kill then loses nothing. Call at least every 20 ms while live."""
@@ -199,10 +201,10 @@ class BagWriter:
             self._unflushed.clear()
         self._has_pending = False
 
-    def sync(self) -> None:
-        """Flushes, and waits for the disk: a power cut then loses nothing. Takes milliseconds."""
-        self.flush()
-        self._guard(lambda: os.fsync(self._raw.fileno()))
+    @property
+    def fileno(self) -> int:
+        """The open file, for fsync from another thread."""
+        return self._raw.fileno()
 
     def close(self, reason: str = "", compact: bool | None = None, give_up: Callable[[], bool] | None = None) -> Path:
         """Writes accounts, index and metadata.yaml, then the compact form if wanted. Returns the bag's path.
@@ -214,8 +216,7 @@ class BagWriter:
         self._check_open()
         for channel in self._channels.values():
             self._write_chunk(channel)
-        accounts = {name: json.dumps(account.as_dict()) for name, account in self.accounts.items()}
-        self.set_metadata(ACCOUNTING, accounts)
+        accounts = self.store_accounts()
         self.set_metadata("hd_close", {"reason": reason or "closed"})
         self._guard(self._file.finish)
         self._guard(lambda: os.fsync(self._raw.fileno()))
@@ -234,10 +235,7 @@ class BagWriter:
         self._raw.close()
 
     def _write_yaml(self, accounts: Mapping[str, str], reason: str) -> None:
-        topics = [
-            metadata_yaml.TopicEntry(c.topic, c.type_name, c.type_hash, c.account.written, c.latched)
-            for c in self._channels.values()
-        ]
+        topics = [channel.entry() for channel in self._channels.values()]
         custom = {
             ACCOUNTING: json.dumps({name: json.loads(text) for name, text in accounts.items()}),
             "close_reason": reason or "closed",
