@@ -6,7 +6,6 @@ on where a chain of records begins again; chunks that the index at the end names
 
 from __future__ import annotations
 
-import mmap
 import zlib
 from collections import Counter
 from collections.abc import Collection, Iterator
@@ -22,6 +21,7 @@ from hd_control.core.errors import BagError
 from hd_control.record.block import BLOCK_MESSAGES, Block, scanned_block
 from hd_control.record.chunks import ChunkError, ChunkPlace, chunk_data, chunk_place
 from hd_control.record.fixed_cdr import Buffer, IntArray
+from hd_control.record.mapped_file import MappedFile
 from hd_control.record.mcap_end import parse_record, read_end
 from hd_control.record.mcap_file import MAGIC
 from hd_control.record.problems import RECORD_CAP, Problem
@@ -56,7 +56,10 @@ class McapSource:
         self._told: set[Problem] = set()
         self._untold = 0
         self._data_end: tuple[int, int] | None = None
-        self._buffer = _open(path)
+        self._file = MappedFile(path)
+        self._buffer = self._file.buffer
+        if bytes(self._buffer[:8]) != MAGIC:
+            raise BagError(f"{path}: does not begin like an MCAP file; give a bag folder, an .mcap or a .db3 file")
         self._walk()
 
     def definition(self, channel: int) -> str:
@@ -99,6 +102,7 @@ class McapSource:
             parts = self._chunk_blocks(piece) if isinstance(piece, ChunkPlace) else [self._plain_block(piece)]
             for block in parts:
                 yield block if present <= wanted else block.select(np.isin(block.channel, list(wanted)))
+            self._file.release()
 
     def _plain_block(self, at: int) -> Block:
         return scanned_block(self._buffer, _records.scan(self._buffer, at, RECORD_CAP, BLOCK_MESSAGES))
@@ -110,11 +114,7 @@ class McapSource:
         except ChunkError as error:
             self._problem(str(error), place.record_offset)
             return
-        at, more = 0, True
-        while more:
-            found = _records.scan(data, at, RECORD_CAP, BLOCK_MESSAGES)
-            at, more = found["stop"], found["limit"]
-            yield scanned_block(data, found)
+        yield from (scanned_block(data, found) for found in _scans(data))
 
     def _walk(self) -> None:
         """Takes every record in order; behind damage it goes on where records begin again."""
@@ -147,7 +147,8 @@ class McapSource:
             self._take_others(found, self._buffer)
             if len(found["channel"]):
                 self.checksums = False
-                self._add_messages(at, found["channel"], at)
+                self._add_messages(at, _count(found["channel"]), at)
+            self._file.release()
             at = found["stop"]
             if not found["limit"]:
                 return found
@@ -204,19 +205,21 @@ class McapSource:
         except ChunkError as error:
             self._problem(f"{error}; {length} bytes skipped", offset)
             return
-        found = _records.scan(data, 0, RECORD_CAP, 1 << 30)
-        if found["reason"]:
-            self._problem(f"inside a chunk: {found['reason']}", offset)
+        messages: Counter[int] = Counter()
+        for found in _scans(data):
+            self._take_others(found, data)
+            messages.update(_count(found["channel"]))
+            if found["reason"]:
+                self._problem(f"inside a chunk: {found['reason']}", offset)
         if not place.crc:
             self.checksums = False
-        self._take_others(found, data)
-        self._add_messages(place, found["channel"], offset)
+        self._add_messages(place, messages, offset)
+        self._file.release()
 
-    def _add_messages(self, piece: int | ChunkPlace, channels: IntArray, offset: int) -> None:
-        numbers, counts = np.unique(channels, return_counts=True)
-        self.counts.update(dict(zip(numbers.tolist(), counts.tolist(), strict=True)))
-        self._pieces.append((piece, frozenset(numbers.tolist())))
-        for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
+    def _add_messages(self, piece: int | ChunkPlace, messages: Counter[int], offset: int) -> None:
+        self.counts.update(messages)
+        self._pieces.append((piece, frozenset(messages)))
+        for number, count in sorted(messages.items()):
             if number not in self.topics:
                 self._problem(f"{count} messages of channel {number}, which the file does not describe", offset)
 
@@ -236,7 +239,7 @@ class McapSource:
             self._problem("the data section has no end record")
         elif self._data_end[1]:
             end, crc = self._data_end
-            if zlib.crc32(self._buffer[:end]) == crc:
+            if self._file.crc32(end) == crc:
                 self.checksums = True
             else:
                 self._problem("the checksum of the data section is wrong: some values may be damaged")
@@ -276,15 +279,16 @@ class McapSource:
         self.problems.append(problem)
 
 
-def _open(path: Path) -> memoryview:
-    try:
-        with path.open("rb") as file:
-            if file.seek(0, 2) == 0:
-                raise BagError(f"{path}: the file is empty; nothing was recorded, record again")
-            buffer = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
-    except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise BagError(f"{path}: cannot be opened ({why}); check path and permission") from None
-    if bytes(buffer[:8]) != MAGIC:
-        raise BagError(f"{path}: does not begin like an MCAP file; give a bag folder, an .mcap or a .db3 file")
-    return buffer
+def _scans(data: Buffer) -> Iterator[dict[str, Any]]:
+    """The records of a chunk, a bounded number of messages at a time."""
+    at, more = 0, True
+    while more:
+        found = _records.scan(data, at, RECORD_CAP, BLOCK_MESSAGES)
+        at, more = found["stop"], found["limit"]
+        yield found
+
+
+def _count(channels: IntArray) -> Counter[int]:
+    """Messages by channel."""
+    numbers, counts = np.unique(channels, return_counts=True)
+    return Counter(dict(zip(numbers.tolist(), counts.tolist(), strict=True)))

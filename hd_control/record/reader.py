@@ -11,12 +11,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from hd_control.core.errors import BagError, ConfigError
 from hd_control.record import metadata_yaml
@@ -24,21 +22,13 @@ from hd_control.record.block import Block
 from hd_control.record.cdr import typestore
 from hd_control.record.columns import Columns, decode
 from hd_control.record.db3_source import Db3Source
+from hd_control.record.gaps import Gap, find_gaps, streams_of
 from hd_control.record.mcap_source import McapSource
 from hd_control.record.problems import Problem
 from hd_control.record.schema import base_name
 from hd_control.record.writer import ACCOUNTING, RECOVERY
 
 Source = McapSource | Db3Source
-
-
-@dataclass(frozen=True)
-class Gap:
-    """Missing samples of a topic: the stamps around them [ns] and how many are missing."""
-
-    from_ns: int
-    to_ns: int
-    missing: int
 
 
 class BagReader:
@@ -169,6 +159,19 @@ class BagReader:
             self._note(Problem(f"{name}: {found.undecodable} messages do not fit {self.topics[name]}"))
         return replace(found, names=self._value_names(name, found.names))
 
+    def column_blocks(self, topic: str) -> Iterator[Columns]:
+        """Like `columns`, some ten thousand messages at a time: for topics that are too long for the memory."""
+        name = self.resolve(topic)
+        undecodable = 0
+        for block in self._blocks(name):
+            found = decode(name, self.topics[name], [block])
+            if found is None:
+                raise BagError(f"{name}: {self.topics[name]} has no columns; use messages()")
+            undecodable += found.undecodable
+            yield found
+        if undecodable:
+            self._note(Problem(f"{name}: {undecodable} messages do not fit {self.topics[name]}"))
+
     def _value_names(self, topic: str, names: tuple[str, ...]) -> tuple[str, ...]:
         """The names of introspection values, from the topic beside them; the numbers if they do not fit."""
         beside = topic.removesuffix("/values") + "/names"
@@ -200,12 +203,7 @@ class BagReader:
     def gaps(self, topic: str, period_ns: int) -> list[Gap]:
         """The holes in the stamps of a topic whose samples are `period_ns` apart."""
         columns = self.columns(topic)
-        found = []
-        for stream in _streams(columns):
-            stamps = columns.stamps_ns[stream]
-            steps = (2 * np.diff(stamps) + period_ns) // (2 * period_ns)
-            found += [Gap(int(stamps[i]), int(stamps[i + 1]), int(steps[i]) - 1) for i in np.flatnonzero(steps > 1)]
-        return sorted(found, key=lambda gap: gap.from_ns)
+        return find_gaps(columns.stamps_ns, streams_of(columns.frame_ids), period_ns)
 
     def close(self) -> None:
         """Releases the files."""
@@ -247,14 +245,6 @@ class BagReader:
 
 def _channels(source: Source, topic: str) -> list[int]:
     return [channel for channel, name in source.topics.items() if name == topic]
-
-
-def _streams(columns: Columns) -> list[Any]:
-    """Indexes of each stream: one per frame_id if several are mixed (temperatures, two runs), else all messages."""
-    if columns.frame_ids is None:
-        return [slice(None)]
-    keys, inverse = np.unique(columns.frame_ids, return_inverse=True)
-    return [slice(None)] if len(keys) < 2 else [np.flatnonzero(inverse == k) for k in range(len(keys))]
 
 
 @lru_cache(maxsize=16)
