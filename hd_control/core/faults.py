@@ -62,6 +62,9 @@ class FaultCode(enum.IntEnum):
     TORQUE_LIMITED = 37
     RATE_LIMITED = 38
     RATE_PERSISTENT = 39
+    ENVELOPE = 40
+    LET_GO = 41
+    STOP_LEFT = 42
 
     @property
     def text(self) -> str:
@@ -80,23 +83,85 @@ class FaultKind:
 
 
 KINDS: dict[FaultCode, FaultKind] = {
-    FaultCode.FRAME_LOST: FaultKind("sensor age", ">=", "samples", "Check the sensor and its wiring"),
+    FaultCode.FRAME_LOST: FaultKind(
+        "lost ticks in a row", ">=", "samples", "Check the sensors, their wiring and the load of this computer"
+    ),
     FaultCode.STAMP_STUCK: FaultKind("stamp not advancing, tick", "<=", "", "Check that the source counts its ticks"),
-    FaultCode.NOT_FINITE: FaultKind("motor torque command", "against", "", "Look at the recorded inputs"),
-    FaultCode.POSITION_DISAGREE: FaultKind("|motor - joint position|", ">", "rad", "Check joint-sensor coupling"),
+    FaultCode.VALUE_FROZEN: FaultKind(
+        "equal readings in motion", ">=", "samples", "Check the sensor that repeats one value and its wiring"
+    ),
+    FaultCode.NOT_FINITE: FaultKind("number", "against", "", "Look at the recorded inputs"),
+    FaultCode.SPIKE: FaultKind("reading - prediction", "outside +-", "", "Check shielding and connector of the sensor"),
+    FaultCode.WRAP: FaultKind("unwrapped step", "outside +-", "rad", "Check encoder_period and resolver_period"),
+    FaultCode.POSITION_DISAGREE: FaultKind(
+        "motor - joint position", "outside +-", "rad", "Check joint-sensor coupling and offsets"
+    ),
+    FaultCode.GAUGE_RAIL: FaultKind(
+        "gauge reading", "outside +-", "N m", "Check the load, the bridge and its amplifier"
+    ),
+    FaultCode.GAUGE_BRANCH: FaultKind(
+        "bridge branch open? 2 beta amplitude", ">", "N m", "Check the wires of the strain-gauge bridge"
+    ),
+    FaultCode.GAUGE_DRIFT: FaultKind(
+        "mean residual of the three sensors", "outside +-", "N m", "Calibrate the gauge again at a known load"
+    ),
+    FaultCode.BUS_OFF: FaultKind(
+        "error counter", ">=", "", "Check bus wiring and termination, then restart the bridge by hand"
+    ),
+    FaultCode.SEND_FULL: FaultKind(
+        "commands dropped in a row", ">=", "", "Check that the bus is powered and not overloaded"
+    ),
+    FaultCode.FRAME_BAD: FaultKind("bad frames in a row", ">=", "", "Check wiring, ids and counters on the bus"),
+    FaultCode.FOREIGN_ID: FaultKind("counter of the frame", "!=", "", "Remove the second sender of this id"),
+    FaultCode.CLOCK_JUMP: FaultKind(
+        "jump of the system clock",
+        "outside +-",
+        "s",
+        "Nothing to do: control does not use that clock; mind the stamps of other programs",
+    ),
+    FaultCode.SIM_CLOCK: FaultKind("tick", "<=", "", "Start the simulated clock again; outputs hold meanwhile"),
     FaultCode.OVERRUN: FaultKind("late ticks in a row", ">=", "samples", "Lower the load of this computer"),
     FaultCode.NODE_KILLED: FaultKind("input age", ">=", "samples", "Check that the sending node lives"),
-    FaultCode.NODE_BACK: FaultKind("run id changed", "!=", "", "Check why the sending node restarted"),
+    FaultCode.NODE_BACK: FaultKind("run ids seen", ">", "", "Check why the sending node restarted"),
+    FaultCode.PARAM_BAD: FaultKind("value", "against", "", "Use a value that the rule in the text allows"),
+    FaultCode.PARAM_MOVING: FaultKind("active", "!=", "", "Deactivate the node first: this parameter needs INACTIVE"),
+    FaultCode.GOAL_BAD: FaultKind("value", "against", "", "Change the goal as the text says"),
+    FaultCode.GOAL_SILENT: FaultKind("goal age", ">=", "samples", "Check the sender of the goals"),
     FaultCode.TWO_PUBLISHERS: FaultKind("publishers", ">", "", "Stop the second source of commands"),
+    FaultCode.MODEL_MISMATCH: FaultKind("differences", ">", "", "Make robot description and parameters agree"),
+    FaultCode.YAML_BAD: FaultKind("line", "against", "", "Repair the named line and key"),
+    FaultCode.BAG_DAMAGED: FaultKind("records kept", "<", "", "Run hd recover; the original stays as it is"),
+    FaultCode.BAG_FOREIGN: FaultKind("topics skipped", ">", "", "Map the topics, see docs/signals.md"),
+    FaultCode.BAG_HUGE: FaultKind("size", ">", "bytes", "Read a part of the bag"),
+    FaultCode.DISK_FULL: FaultKind("bytes left", "<", "bytes", "Free space, then start the recorder again"),
+    FaultCode.RECORDER_SLOW: FaultKind("messages dropped", ">", "", "Record fewer topics or use a faster disk"),
+    FaultCode.WEB_HOSTILE: FaultKind(
+        "requests refused", ">", "", "Close other pages; start the workbench again for a new token"
+    ),
     FaultCode.EXCEPTION: FaultKind("exceptions", ">", "", "Report the recorded traceback"),
-    FaultCode.ADAPTATION: FaultKind("time at the bound", ">", "s", "Check the bounds and the model of the joint"),
+    FaultCode.ADAPTATION: FaultKind(
+        "tracking error over the one at the bound", ">", "", "Check the bounds and the model of the joint"
+    ),
+    FaultCode.CONTACT: FaultKind("disturbing torque", "outside +-", "N m", "Look what the arm has touched"),
+    FaultCode.OVERFLOW: FaultKind("tick", ">", "", "Activate the node again"),
     FaultCode.TORQUE_LIMITED: FaultKind("motor torque", "outside +-", "N m", "Lower gains or the speed of the motion"),
     FaultCode.RATE_LIMITED: FaultKind(
         "motor torque change", "outside +-", "N m", "Lower gains or check motor_torque_rate_limit"
     ),
     FaultCode.RATE_PERSISTENT: FaultKind("rate excesses in a row", ">=", "samples", "Look for a limit cycle"),
+    FaultCode.ENVELOPE: FaultKind(
+        "position where braking would end",
+        "outside",
+        "rad",
+        "Move the joint back inside its limits by hand or with a goal",
+    ),
+    FaultCode.LET_GO: FaultKind(
+        "zero commands in a row while the joint moves", ">=", "samples", "Look why the controller let the joint go"
+    ),
+    FaultCode.STOP_LEFT: FaultKind(
+        "velocity in a controlled stop", "outside +-", "rad/s", "Look for a load or a sensor that does not fit"
+    ),
 }
-_OTHER = FaultKind("value", "against", "", "See the page of this fault")
 
 
 @dataclass(frozen=True)
@@ -111,7 +176,7 @@ class Fault:
 
     def text(self, joint_names: Sequence[str] = ()) -> str:
         """Code, joint, value, limit and remedy in one line."""
-        kind = KINDS.get(self.code, _OTHER)
+        kind = KINDS[self.code]
         where = "" if self.joint < 0 else f" joint_{self.joint + 1}"
         if 0 <= self.joint < len(joint_names):
             where = f" {joint_names[self.joint]}"
