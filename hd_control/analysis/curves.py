@@ -38,15 +38,14 @@ def splines(x: FloatArray, knots: FloatArray) -> FloatArray:
 
 
 def quantile_knots(x: FloatArray, count: int) -> FloatArray:
-    """Knots at even quantiles, duplicates removed."""
-    knots = np.unique(np.quantile(x, np.linspace(0.005, 0.995, count)))
+    """Knots at even quantiles over the whole range, duplicates removed: no law is better at the ends only."""
+    knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, count)))
     return np.asarray(knots)
 
 
 def even_knots(x: FloatArray, count: int) -> FloatArray:
     """Knots at even distances over the range of x."""
-    low, high = np.quantile(x, [0.001, 0.999])
-    return np.linspace(low, high, count)
+    return np.linspace(x.min(), x.max(), count)
 
 
 def _usable(x: FloatArray, least: float) -> bool:

@@ -19,7 +19,8 @@ from hd_control.analysis.joint_states import BoolArray
 from hd_control.analysis.noise import Noise, fit_noise
 
 RIDGE_LIBRARY = 1e-9
-RIDGE_CURVE = 3e-3
+RIDGE_CURVE = {"plain": 3e-5}
+RIDGE_OTHER_CURVE = 3e-3
 """On columns of unit norm. Knots that a training fold never visits otherwise ruin the held-out score."""
 RIDGE_NOISE = 1e-7
 SHARED = ""
@@ -228,8 +229,8 @@ class _Layout:
         """Ridge of each coefficient, for columns of unit norm."""
         ridge = np.full(self.size, RIDGE_LIBRARY)
         for group in self.groups:
-            if group.is_curve:
-                ridge[group.index] = RIDGE_CURVE
+            if group.curve is not None:
+                ridge[group.index] = RIDGE_CURVE.get(group.curve.kind, RIDGE_OTHER_CURVE)
         return ridge
 
 

@@ -23,7 +23,7 @@ LOAD_SHARE = 0.1
 LOADED = ("nonlinear_stiffness", "torsional_hysteresis")
 COMPLIANCE_ERROR = 0.02
 """Half-width of the interval of the compliance, relative, beyond which nothing can be said of the transmission."""
-TEMPERATURE_SPAN = 8.0
+TEMPERATURE_SPAN = 6.0
 JOINT_RANGE = np.pi / 2
 """rad of joint angle for eccentricity and for gravity against offset."""
 

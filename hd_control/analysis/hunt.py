@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hd_control.analysis.cancelling import without_cancelling
 from hd_control.analysis.channels import JointEquations
 from hd_control.analysis.curves import Curve, curves, misread
 from hd_control.analysis.dictionary import Dictionary, build
@@ -90,7 +91,7 @@ def hunt(task: Task, dictionary: Dictionary | None = None) -> tuple[Search, Sele
         selection = search.prune(search.extend(search.forward(search.tidy(selection))))
         if {g.name for g in selection} == before and not moved:
             break
-    return chase.search, selection
+    return chase.search, without_cancelling(chase.search, selection)
 
 
 class Chase:
