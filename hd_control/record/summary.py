@@ -9,17 +9,18 @@ import numpy as np
 
 from hd_control.core.errors import BagError
 from hd_control.record.cdr import JOINT_STATE
-from hd_control.record.columns import Columns, has_fixed_layout
-from hd_control.record.fixed_cdr import FloatArray
+from hd_control.record.columns import has_fixed_layout
+from hd_control.record.gaps import find_gaps, streams_of
 from hd_control.record.reader import BagReader
 from hd_control.record.schema import topic_info
+from hd_control.record.speed_scan import SpeedScan
+from hd_control.record.topic_scan import Range, TopicScan, scan_topic, speeds_from_angles
 from hd_control.record.writer import SESSION
 
 SCHEMA = "hd.info/1"
-SPEED_WINDOW_NS = 20_000_000
+Sources = dict[str, tuple[TopicScan, Range]]
+"""Where each signal of a joint comes from, and its range."""
 SHOWN_GAPS = 20
-STANDSTILL = 0.01
-"""Below this share of the largest speed a joint counts as standing still."""
 
 # signal: where it may come from, the first that is there counts
 SIGNALS: dict[str, tuple[tuple[str, str], ...]] = {
@@ -53,11 +54,11 @@ def possible_channels(signals: Collection[str]) -> dict[str, str]:
 
 
 def summarize(bag: BagReader) -> dict[str, Any]:
-    """The document of `hd info --json`."""
-    columns: dict[str, Columns] = {}
-    topics = {name: _topic(bag, name, columns) for name in sorted(bag.topics)}
-    joints = _joints(columns)
-    times = [t for c in columns.values() if len(c) for t in (int(c.stamps_ns.min()), int(c.stamps_ns.max()))]
+    """The document of `hd info --json`. The recording is gone through block by block."""
+    scans: dict[str, TopicScan] = {}
+    topics = {name: _topic(bag, name, scans) for name in sorted(bag.topics)}
+    joints = _joints(bag, scans)
+    times = [time for scan in scans.values() if scan.count for time in (scan.first_ns, scan.last_ns)]
     return {
         "schema": SCHEMA,
         "bag": str(bag.path),
@@ -72,8 +73,8 @@ def summarize(bag: BagReader) -> dict[str, Any]:
     }
 
 
-def _topic(bag: BagReader, name: str, kept: dict[str, Columns]) -> dict[str, Any]:
-    """Counts, rate and holes of one topic; its columns go to `kept`, under the plain name if the schema knows it."""
+def _topic(bag: BagReader, name: str, kept: dict[str, TopicScan]) -> dict[str, Any]:
+    """Counts, rate and holes of one topic; its scan goes to `kept`, under the plain name if the schema knows it."""
     known = topic_info(name)
     row: dict[str, Any] = {
         "type": bag.topics[name],
@@ -85,16 +86,15 @@ def _topic(bag: BagReader, name: str, kept: dict[str, Columns]) -> dict[str, Any
     }
     if not bag.counts[name] or not has_fixed_layout(bag.topics[name]):
         return row
-    columns = bag.columns(name)
-    kept.setdefault(name if known is None else known.name, columns)
-    steps = np.diff(columns.stamps_ns)
-    moving = steps[steps > 0]
-    row["rate"] = 1e9 / float(np.median(moving)) if len(moving) else None
-    period = _period_ns(known.period_ns if known else 0, int(np.median(moving)) if len(moving) else 0)
+    scan, stamps, streams = scan_topic(bag, name)
+    kept.setdefault(name if known is None else known.name, scan)
+    row["rate"] = 1e9 / scan.step_ns if scan.step_ns else None
+    period = _period_ns(known.period_ns if known else 0, int(scan.step_ns))
     if period and bag.topics[name] == JOINT_STATE:
-        gaps = bag.gaps(name, period)
+        gaps = find_gaps(stamps, streams_of(streams), period)
         row["gaps"], row["missing"] = len(gaps), sum(gap.missing for gap in gaps)
         row["first_gaps"] = [[gap.from_ns, gap.to_ns, gap.missing] for gap in gaps[:SHOWN_GAPS]]
+    steps = np.diff(stamps)
     row["out_of_order"], row["duplicates"] = int((steps < 0).sum()), int((steps == 0).sum())
     if known is not None and known.name == "motor_temperature":
         row["duplicates"] = 0  # joints share the stamp
@@ -106,33 +106,53 @@ def _period_ns(nominal: int, median: int) -> int:
     return median if median > 1.5 * nominal else nominal
 
 
-def _series(columns: dict[str, Columns], joint: str, signal: str) -> tuple[str, Columns, FloatArray] | None:
-    """(topic, columns, values of the joint) of the first topic that has the signal with any finite value."""
+def _source(scans: dict[str, TopicScan], joint: str, signal: str) -> tuple[TopicScan, Range] | None:
+    """The first topic that has the signal of the joint with any finite value, and its range."""
     for topic, field in SIGNALS[signal]:
-        found = columns.get(topic)
-        if found is not None and joint in found.names and field in found.values:
-            values = found.values[field][:, found.names.index(joint)]
-            if np.isfinite(values).any():
-                return topic, found, values
+        found = scans.get(topic)
+        if found is not None and found.has(joint, field):
+            return found, found.ranges[field, joint]
     return None
 
 
-def _joints(columns: dict[str, Columns]) -> dict[str, Any]:
-    names = dict.fromkeys(
-        n for topic, c in columns.items() if topic_info(topic) and "introspection" not in topic for n in c.names
-    )
-    result = {}
-    for joint in names:
-        series = {signal: found for signal in SIGNALS if (found := _series(columns, joint, signal)) is not None}
-        result[joint] = {
-            "signals": {signal: topic for signal, (topic, _, _) in series.items()},
+def _joints(bag: BagReader, scans: dict[str, TopicScan]) -> dict[str, Any]:
+    ours = [scan for topic, scan in scans.items() if topic_info(topic) and "introspection" not in topic]
+    sources = {
+        joint: {signal: found for signal in SIGNALS if (found := _source(scans, joint, signal)) is not None}
+        for joint in dict.fromkeys(name for scan in ours for name in scan.names)
+    }
+    speeds = _speeds(bag, sources)
+    return {
+        joint: {
+            "signals": {signal: _plain_name(scan.topic) for signal, (scan, _) in series.items()},
             "channels": possible_channels(series.keys()),
-            "coverage": _coverage(series),
+            "coverage": _coverage(series, speeds.get(joint)),
         }
-    return result
+        for joint, series in sources.items()
+    }
 
 
-def _coverage(series: dict[str, tuple[str, Columns, FloatArray]]) -> dict[str, Any]:
+def _plain_name(topic: str) -> str:
+    known = topic_info(topic)
+    return topic if known is None else known.name
+
+
+def _speeds(bag: BagReader, sources: dict[str, Sources]) -> dict[str, SpeedScan]:
+    """Recorded speeds; for joints without them those of their angle, each topic read once more."""
+    found: dict[str, SpeedScan] = {}
+    angles: dict[str, tuple[TopicScan, list[str]]] = {}
+    for joint, series in sources.items():
+        if "joint_velocity" in series:
+            found[joint] = series["joint_velocity"][0].speeds[joint]
+        elif "joint_position" in series:
+            scan = series["joint_position"][0]
+            angles.setdefault(scan.topic, (scan, []))[1].append(joint)
+    for scan, joints in angles.values():
+        found |= speeds_from_angles(bag, scan, joints)
+    return found
+
+
+def _coverage(series: Sources, speed: SpeedScan | None) -> dict[str, Any]:
     """Ranges of speed, load, angle and temperature of one joint; only what its signals tell."""
     found: dict[str, Any] = {}
     for signal, name, unit in (
@@ -141,52 +161,15 @@ def _coverage(series: dict[str, tuple[str, Columns, FloatArray]]) -> dict[str, A
         ("motor_temperature", "temperature", "°C"),
     ):
         if signal in series:
-            values = series[signal][2]
-            found[name] = {"low": float(np.nanmin(values)), "high": float(np.nanmax(values)), "unit": unit}
+            _, values = series[signal]
+            found[name] = {"low": values.low, "high": values.high, "unit": unit}
     if "motor_shaft_position" in series:
-        angle = series["motor_shaft_position"][2]
-        found["wave_generator_turns"] = float(np.nanmax(angle) - np.nanmin(angle)) / (2 * np.pi)
-    speed = _speed(series)
-    if speed is not None:
-        found["speed"] = speed
+        _, angle = series["motor_shaft_position"]
+        found["wave_generator_turns"] = (angle.high - angle.low) / (2 * np.pi)
+    moved = speed.result() if speed is not None else None
+    if moved is not None:
+        found["speed"] = moved
     return found
-
-
-def _speed(series: dict[str, tuple[str, Columns, FloatArray]]) -> dict[str, Any] | None:
-    """Speed range, decades between the fast and the slow end while moving, and reversals."""
-    if "joint_velocity" in series:
-        speed = series["joint_velocity"][2]
-    elif "joint_position" in series:
-        _, columns, angle = series["joint_position"]
-        speed = _slope(columns.stamps_ns, angle)
-    else:
-        return None
-    speed = speed[np.isfinite(speed)]
-    if len(speed) == 0:
-        return None
-    moving = speed[np.abs(speed) > STANDSTILL * np.abs(speed).max()]
-    slow, fast = np.percentile(np.abs(moving), [1, 99]) if len(moving) else (1.0, 1.0)
-    decades = float(np.log10(fast / slow))
-    return {
-        "low": float(speed.min()),
-        "high": float(speed.max()),
-        "unit": "rad/s",
-        "decades": decades,
-        "reversals": int((np.diff(np.sign(moving)) != 0).sum()),
-    }
-
-
-def _slope(stamps_ns: Any, angle: FloatArray) -> FloatArray:
-    """Difference quotient over `SPEED_WINDOW_NS`, long enough that quantisation does not dominate."""
-    steps = np.diff(stamps_ns)
-    step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-    width = max(1, round(SPEED_WINDOW_NS / step)) if step else 1
-    if len(angle) <= width:
-        return np.zeros(0)
-    time = (stamps_ns[width:] - stamps_ns[:-width]) * 1e-9
-    difference: FloatArray = np.full(len(time), np.nan)
-    np.divide(angle[width:] - angle[:-width], time, out=difference, where=time > 0)
-    return difference
 
 
 def open_and_summarize(path: str) -> dict[str, Any]:
