@@ -153,6 +153,7 @@ def with_fits(values: Mapping[str, Any], fits: Mapping[str, GaugeFit]) -> dict[s
 
 def params_text(values: Mapping[str, Any], fits: Mapping[str, GaugeFit], bag: str) -> str:
     """A ROS params file of the fusion node; estimated lists carry their standard errors as a comment."""
+    from hd_control.core.params_file import yaml_value
     from hd_control.sensing import fusion
 
     text = ["/**:", "  ros__parameters:", f"    # Fusion parameters; gauge of {', '.join(fits)} calibrated from {bag}"]
@@ -161,18 +162,8 @@ def params_text(values: Mapping[str, Any], fits: Mapping[str, GaugeFit], bag: st
         words = [] if parameter.unit == "-" else [parameter.unit]
         field = next((field for field, other in FIELDS.items() if other == name), "")
         words += [f"{joint} ± {fit.errors[field]:.2g}" for joint, fit in fits.items() if field in fit.errors]
-        text.append(f"    {name}: {_yaml(values[name])}" + (f"  # {'; '.join(words)}" if words else ""))
+        text.append(f"    {name}: {yaml_value(values[name])}" + (f"  # {'; '.join(words)}" if words else ""))
     return "\n".join(text) + "\n"
-
-
-def _yaml(value: Any) -> str:
-    """Numbers as ROS reads them: a float has a point, also before an exponent."""
-    if isinstance(value, list):
-        return f"[{', '.join(map(_yaml, value))}]"
-    if isinstance(value, bool) or isinstance(value, str):
-        return str(value).lower() if isinstance(value, bool) else value or '""'
-    mantissa, exponent, power = repr(float(value)).partition("e")
-    return f"{mantissa if '.' in mantissa else mantissa + '.0'}{exponent}{power}"
 
 
 def lines(joint: str, fit: GaugeFit) -> list[str]:

@@ -15,7 +15,7 @@ from typing import Any
 from hd_control.control import torque
 from hd_control.control.apply_rules import FUSION, TORQUE, JointCase, Proposal, Setting, proposals
 from hd_control.core.errors import ConfigError
-from hd_control.core.parameters import Change, ParameterSet, Shape
+from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
 from hd_control.drive.model import Model
 from hd_control.sensing import fusion
 
@@ -50,10 +50,29 @@ class Applied:
     rows: tuple[Row, ...]
 
     def changed(self, node: str, live: bool = False) -> dict[str, Any]:
-        """The parameters of a node that differ; with `live` only those that a running node takes."""
-        about, before = PARAMETERS[node], self.before[node]
-        found = {name: value for name, value in self.values[node].items() if value != before[name]}
-        return {name: v for name, v in found.items() if not live or about[name].change is Change.HOT}
+        """The parameters of a node that differ; with `live` those of effects that a running node takes as a whole."""
+        before, values = self.before[node], dict(self.values[node])
+        if live:
+            values, late = dict(before), self.not_live()
+            for row in self.rows:
+                if row.applied and row.node == node and (row.joint, row.effect) not in late:
+                    _put(values, row.joint, PARAMETERS[node][row.parameter], row.value)
+        return {name: value for name, value in values.items() if value != before[name]}
+
+    def not_live(self) -> dict[tuple[str, str], str]:
+        """Joint and effect that need an inactive node, with the parameter that does."""
+        late = [row for row in self.rows if row.applied and row.value != row.before and not row.live]
+        return {(row.joint, row.effect): row.parameter for row in late}
+
+
+def _put(values: dict[str, Any], joint: str, about: Parameter, value: Any) -> None:
+    """Sets one value of one joint, or of all; the lists that were there stay as they are."""
+    if about.shape is Shape.PER_JOINT:
+        numbers = list(values[about.name])
+        numbers[list(values["joint_names"]).index(joint)] = value
+        values[about.name] = numbers
+    else:
+        values[about.name] = value
 
 
 def apply_model(
@@ -119,21 +138,13 @@ class _Table:
             return
         trial = {node: dict(values) for node, values in self.values.items()}
         for setting in usable:
-            self._put(trial[setting.node], joint, setting)
+            _put(trial[setting.node], joint, PARAMETERS[setting.node][setting.name], setting.value)
         for node, values in trial.items():
             if broken := PARAMETERS[node].problems(values, len(values["joint_names"])):
                 self.rows.append(Row(joint, proposal.effect, False, f"limit: {broken[0]}"))
                 return
         self.values = trial
         self.rows += [self._row(joint, proposal.effect, setting, own) for setting in usable]
-
-    def _put(self, values: dict[str, Any], joint: str, setting: Setting) -> None:
-        if setting.for_all:
-            values[setting.name] = setting.value
-        else:
-            numbers = list(values[setting.name])
-            numbers[values["joint_names"].index(joint)] = setting.value
-            values[setting.name] = numbers
 
     def _row(self, joint: str, effect: str, setting: Setting, own: Mapping[str, Values]) -> Row:
         about = PARAMETERS[setting.node][setting.name]

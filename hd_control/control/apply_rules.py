@@ -30,13 +30,12 @@ MAX_TRANSMISSION_SLOPE = 0.5
 
 @dataclass(frozen=True)
 class Setting:
-    """One parameter of one node with its new value for a joint, or for all joints if `for_all`. `note`: a remark."""
+    """One parameter of one node with its new value for a joint (or for all, if it is one number). `note`: a remark."""
 
     node: str
     name: str
     value: float | bool
     note: str = ""
-    for_all: bool = False
 
 
 @dataclass(frozen=True)
@@ -122,13 +121,13 @@ def _kinematic_error(case: JointCase, effect: str) -> Proposal:
     if case.law in ("direct", "torque_feedback"):
         settings = [replace(s, note="only in fusion") for s in settings if s.node == FUSION]
     elif case.law == "adaptive":
-        settings.append(Setting(TORQUE, "kinematic_feedforward", True, for_all=True))
+        settings.append(Setting(TORQUE, "kinematic_feedforward", True))
     return Proposal(effect, tuple(settings))
 
 
 def _slower(case: JointCase) -> Setting:
     present = float(case.own.get(TORQUE, {}).get("adaptation_scale", ADAPTATION_SCALE))
-    return Setting(TORQUE, "adaptation_scale", min(present, ADAPTATION_SCALE), for_all=True)
+    return Setting(TORQUE, "adaptation_scale", min(present, ADAPTATION_SCALE))
 
 
 def _coulomb(case: JointCase, effect: str) -> Proposal:
@@ -238,7 +237,7 @@ def _gauge_ripple(case: JointCase, effect: str) -> Proposal:
 def _delay(case: JointCase, effect: str) -> Proposal:
     delay = case.model.number(effect, "delay")
     if case.law == "integral_manifold" and case.joints == 1:
-        return Proposal(effect, (Setting(TORQUE, "prediction_samples", 1.5 + delay / case.period, for_all=True),))
+        return Proposal(effect, (Setting(TORQUE, "prediction_samples", 1.5 + delay / case.period),))
     own = case.own.get(TORQUE, {})
     gain = math.prod(float(own.get(name, 0.0)) for name in ("torsional_stiffness", "damping_time", "torque_rate_gain"))
     room = "room for it" if gain < LOOP_WARNING else "lower torque_rate_gain"

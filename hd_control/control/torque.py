@@ -44,7 +44,7 @@ START_VALUES: Mapping[str, str] = {name: f"{name}_initial" for name in ESTIMATES
 MODEL_FIELDS = (
     *("kinematic_feedforward", "kinematic_cosine", "kinematic_sine", "load_friction_linear", "load_friction_quadratic"),
     *START_VALUES.values(),
-    *("rotor_coulomb", "rotor_damping", "friction_torque"),
+    *("torsional_stiffness", "rotor_coulomb", "rotor_damping", "friction_torque"),
 )
 """Fields of the parameter blocks of all laws that are a model of the drive: a live change ramps."""
 _SCALED = ("adaptation_gain_coulomb", "adaptation_gain_viscous", "adaptation_gain_compliance")

@@ -215,7 +215,9 @@ PARAMETERS = ParameterSet(
             source="Zhu, section V",
         ),  # fmt: skip
         _joint("gear_ratio", "rotor turns per joint turn", "-", "N", TABLE_1),
-        _joint("torsional_stiffness", "stiffness of the drive, for the rules", "N m/rad", "k_f", TABLE_1),
+        _joint(
+            "torsional_stiffness", "stiffness of the drive, for the rules", "N m/rad", "k_f", TABLE_1, change=Change.HOT
+        ),
         _joint("damping_time", "flexspline damping over stiffness", "s", "d", above=False),
         _joint("rotor_inertia", "rotor inertia, output side", "kg m^2", "I*"),
         _gain("motor_position_gain", "motor position error to velocity", "1/s", "λ_φ"),
