@@ -90,6 +90,7 @@ def _answer(task: Task, found: Coverage, missing: list[Lack], search: Search, se
     effects, denied = _effects(task, found, search, fit, raw, blocked)
     effects += _near_reversals(task, fit, blocked)
     unknown = _unknown(fit, search, selection, blocked)
+    effects = _sure(effects, unknown is not None)
     experiments = list(_experiments([*missing, *denied]))
     for effect in effects:
         experiments += _separating(task, effect)
@@ -175,7 +176,7 @@ def _named(
     return NamedEffect(
         name=effect.name,
         title=effect.title,
-        confidence=confidence(gain, t, others),
+        confidence=1.0,
         channel=channel,
         gain=gain,
         t=t,
@@ -188,6 +189,12 @@ def _named(
     )
 
 
+def _sure(effects: tuple[NamedEffect, ...], unknown: bool) -> tuple[NamedEffect, ...]:
+    """The effects with their probabilities."""
+    strongest = max((effect.gain for effect in effects), default=0.0)
+    return tuple(replace(e, confidence=confidence(e.gain, strongest, unknown)) for e in effects)
+
+
 def _near_reversals(task: Task, fit: Fit, blocked: set[str]) -> tuple[NamedEffect, ...]:
     """Presliding, which only the rows near reversals show."""
     effect = task.library.get("presliding")
@@ -198,7 +205,7 @@ def _near_reversals(task: Task, fit: Fit, blocked: set[str]) -> tuple[NamedEffec
         NamedEffect(
             name=effect.name,
             title=effect.title,
-            confidence=confidence(found.gain, found.t, ()),
+            confidence=1.0,
             channel=MOTOR,
             gain=found.gain,
             t=found.t,

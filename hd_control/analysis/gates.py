@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.channels import JointEquations
 from hd_control.analysis.equations import ACCELERATION_SNR
 from hd_control.analysis.joint_states import reversals
@@ -24,13 +25,19 @@ LOADED = ("nonlinear_stiffness", "torsional_hysteresis")
 COMPLIANCE_ERROR = 0.02
 """Half-width of the interval of the compliance, relative, beyond which nothing can be said of the transmission."""
 TEMPERATURE_SPAN = 6.0
+SATURATED = 0.03
+REPETITION, SPEED_VARIETY = 0.9, 6.0
 JOINT_RANGE = np.pi / 2
 """rad of joint angle for eccentricity and for gravity against offset."""
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """What the motion covers. Angles rad, speeds rad/s, torque N m, temperature K, times s."""
+    """What the motion covers. Angles rad, speeds rad/s, torque N m, temperature K, times s.
+
+    `saturated`: share of the time with the motor torque at its largest value. `repetition`: largest autocorrelation of
+    the speed beyond 1 s. `speed_variety`: effective number of quarter decades of speed (exponential of the entropy).
+    """
 
     duration: float
     moving: float
@@ -44,6 +51,9 @@ class Coverage:
     motor_turns: float
     temperature_span: float
     acceleration_snr: dict[str, float]
+    saturated: float = 0.0
+    repetition: float = 0.0
+    speed_variety: float = np.inf
     compliance_error: float = 0.0
     too_short: tuple[str, ...] = ()
 
@@ -77,8 +87,35 @@ def coverage(equations: JointEquations) -> Coverage:
         motor_turns=float(np.ptp(s.motor_shaft_position[use])) / (2 * np.pi) if use.any() else 0.0,
         temperature_span=float(np.ptp(temperature)) if measured else 0.0,
         acceleration_snr={name: channel.snr for name, channel in equations.channels.items()},
+        saturated=_saturated(equations),
+        repetition=_repetition(d.motor_velocity, s.period),
+        speed_variety=_variety(speed),
         too_short=equations.too_short,
     )
+
+
+def _saturated(equations: JointEquations) -> float:
+    torque = equations.derived.filled.get("motor_torque")
+    used = np.zeros(0) if torque is None else np.abs(torque[equations.derived.usable])
+    return float(np.mean(used > 0.995 * used.max())) if used.size and used.max() > 0.0 else 0.0
+
+
+def _repetition(velocity: FloatArray, period: float) -> float:
+    """Largest autocorrelation of the speed at delays from 1 s to half of the recording."""
+    step = max(1, round(0.02 / period))
+    x = velocity[::step] - velocity[::step].mean()
+    spectrum = np.fft.rfft(x * np.hanning(x.size), 4 * x.size)
+    correlation = np.fft.irfft(np.abs(spectrum) ** 2)[: x.size // 2]
+    later = correlation[round(1.0 / (step * period)) :]
+    return float(later.max() / correlation[0]) if later.size and correlation[0] > 0.0 else 0.0
+
+
+def _variety(speed: FloatArray) -> float:
+    if speed.size == 0:
+        return 0.0
+    share = np.histogram(np.log10(np.maximum(speed, 1e-6)), np.arange(-6.0, 2.01, 0.25))[0] / speed.size
+    share = share[share > 0.0]
+    return float(np.exp(-(share * np.log(share)).sum()))
 
 
 @dataclass(frozen=True)
@@ -106,6 +143,12 @@ def lacks(found: Coverage) -> list[Lack]:
     for name in found.too_short:
         what = f"too little sliding motion for the {name.replace('_', ' ')} balance"
         missing.append(Lack(what, (name,), "friction and inertia", f"60 s: {_SPEEDS}; then {_CHIRP}"))
+    if found.saturated > SATURATED:
+        what = f"the motor torque is at its limit for {100 * found.saturated:.0f} % of the time"
+        missing.append(Lack(what, everything, "torques that the drive can follow", _CHIRP))
+    if found.repetition > REPETITION and found.speed_variety < SPEED_VARIETY:
+        what = "the same few moves again and again: nothing that is held out is new"
+        missing.append(Lack(what, everything, "motion that does not repeat", f"{_SPEEDS}; then {_CHIRP}"))
     if found.reversals < REVERSALS or not found.both_directions:
         what = f"{found.reversals} changes of direction" + ("" if found.both_directions else ", motion mostly one way")
         missing.append(Lack(what, (MOTOR, LINK), "friction against offsets and load", _SPEEDS))
