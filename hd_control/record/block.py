@@ -6,10 +6,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from hd_control import _records
 from hd_control.record.fixed_cdr import Buffer, IntArray
+from hd_control.record.problems import RECORD_CAP
 
 BLOCK_MESSAGES = 1 << 16
 """A block has at most so many messages, whatever the file says."""
+
+
+WINDOW, RECORD_HEAD = 16 << 20, 9
 
 
 @dataclass(frozen=True)
@@ -53,3 +58,29 @@ def scanned_block(buffer: Buffer, found: dict[str, Any]) -> Block:
         found["offset"],
         found["length"],
     )
+
+
+def scans(data: Buffer) -> Iterator[dict[str, Any]]:
+    """The records of an uncompressed chunk, a bounded number of messages at a time."""
+    at, more = 0, True
+    while more:
+        found = _records.scan(data, at, RECORD_CAP, BLOCK_MESSAGES)
+        at, more = found["stop"], found["limit"]
+        yield found
+
+
+def scan_some(buffer: Buffer, at: int) -> dict[str, Any]:
+    """The records of a file from byte `at` on, some of them: `limit` is True if there may be more.
+
+    Only a window of the file is touched at a time, so that a mapped file does not come into memory as a whole.
+    """
+    for window in (WINDOW, RECORD_CAP + RECORD_HEAD):
+        end = min(len(buffer), at + window)
+        found: dict[str, Any] = _records.scan(buffer[:end], at, RECORD_CAP, BLOCK_MESSAGES)
+        if end == len(buffer) or not found["reason"]:
+            break
+        if found["stop"] > at:  # the window's end, or damage that the next window meets at its beginning
+            found["reason"], found["limit"] = "", True
+            break
+    found["limit"] = found["limit"] or (end < len(buffer) and not found["reason"] and not found["footer"])
+    return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -34,11 +35,27 @@ class Db3Source:
             self._reader.open()
             connections = list(self._reader.connections)
         except Exception as error:  # the library leaks errors of sqlite, yaml and its own
-            raise BagError(f"{path}: cannot be read as a bag ({type(error).__name__}: {error}); copy it anew") from None
-        self._connections = {connection.id: connection for connection in connections}
+            raise BagError(f"{path}: cannot be read as a bag ({_text(error)}); copy it anew") from None
+        described = [c for c in connections if isinstance(c.topic, str) and isinstance(c.msgtype, str)]
+        if len(described) < len(connections):
+            self.problems.append(Problem(f"{len(connections) - len(described)} topics have no name or type", path.name))
+        self._connections = {connection.id: connection for connection in described}
         self.topics = {number: connection.topic for number, connection in self._connections.items()}
         self.types = {number: connection.msgtype for number, connection in self._connections.items()}
+        self._check_pages()
         self.counts = Counter({number: int(c.msgcount) for number, c in self._connections.items()})
+
+    def _check_pages(self) -> None:
+        """The database's own check: tables and indexes must hold the same rows. Values have no checksum here."""
+        import sqlite3
+
+        try:
+            with closing(sqlite3.connect(f"{self.path.resolve().as_uri()}?immutable=1", uri=True)) as database:
+                (word,) = database.execute("PRAGMA integrity_check(1)").fetchone()
+        except Exception as error:  # a damaged text in the answer raises UnicodeDecodeError
+            word = _text(error)
+        if word != "ok":
+            self.problems.append(Problem(f"the database is damaged ({' '.join(str(word).split())})", self.path.name))
 
     def definition(self, channel: int) -> str:
         """The message definition text of a topic; empty if the file has none."""
@@ -72,9 +89,14 @@ class Db3Source:
                     yield _block(batch)
                     batch = []
         except Exception as error:  # as above
-            self.problems.append(Problem(f"reading stopped ({type(error).__name__}: {error})", self.path.name))
+            self.problems.append(Problem(f"reading stopped ({_text(error)})", self.path.name))
         if batch:
             yield _block(batch)
+
+
+def _text(error: Exception) -> str:
+    """The words of a library on one line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def _block(batch: list[tuple[int, int, bytes]]) -> Block:

@@ -21,11 +21,15 @@ _FOOTER_BYTES = 37  # footer record and closing magic
 
 @dataclass
 class End:
-    """Messages by channel (None: not stated), chunk places, and where the summary begins if its checksum is wrong."""
+    """Messages by channel (None: not stated), chunk places, and where the summary begins if its checksum is wrong.
+
+    `verified`: the summary has a checksum, and it is right.
+    """
 
     counts: dict[int, int] | None = None
     chunks: list[records.ChunkIndex] = field(default_factory=list)
     damaged_at: int = -1
+    verified: bool = False
 
 
 def parse_record(kind: Any, buffer: Buffer, offset: int, length: int) -> Any:
@@ -49,6 +53,7 @@ def read_end(buffer: Buffer) -> End:
     if crc and zlib.crc32(buffer[start : size - 12]) != crc:
         end.damaged_at = start
         return end
+    end.verified = crc != 0
     found = _records.scan(buffer, start, RECORD_CAP, 1)
     for opcode, offset, length in zip(
         found["other_opcode"].tolist(), found["other_offset"].tolist(), found["other_length"].tolist(), strict=True

@@ -16,15 +16,14 @@ import mcap.records as records
 import numpy as np
 from mcap.opcode import Opcode
 
-from hd_control import _records
 from hd_control.core.errors import BagError
-from hd_control.record.block import BLOCK_MESSAGES, Block, scanned_block
+from hd_control.record.block import Block, scan_some, scanned_block, scans
 from hd_control.record.chunks import ChunkError, ChunkPlace, chunk_data, chunk_place
 from hd_control.record.fixed_cdr import Buffer, IntArray
 from hd_control.record.mapped_file import MappedFile
 from hd_control.record.mcap_end import parse_record, read_end
 from hd_control.record.mcap_file import MAGIC
-from hd_control.record.problems import RECORD_CAP, Problem
+from hd_control.record.problems import Problem
 from hd_control.record.resync import Resync
 
 MAX_PROBLEMS = 100
@@ -52,6 +51,7 @@ class McapSource:
         self._attachments: dict[str, tuple[int, int]] = {}
         self._pieces: list[tuple[int | ChunkPlace, frozenset[int]]] = []
         self._chunks_met: set[int] = set()
+        self._bad_chunk: int | None = None
         self._descriptions = 0
         self._told: set[Problem] = set()
         self._untold = 0
@@ -60,6 +60,7 @@ class McapSource:
         self._buffer = self._file.buffer
         if bytes(self._buffer[:8]) != MAGIC:
             raise BagError(f"{path}: does not begin like an MCAP file; give a bag folder, an .mcap or a .db3 file")
+        self._end = read_end(self._buffer)
         self._walk()
 
     def definition(self, channel: int) -> str:
@@ -105,7 +106,7 @@ class McapSource:
             self._file.release()
 
     def _plain_block(self, at: int) -> Block:
-        return scanned_block(self._buffer, _records.scan(self._buffer, at, RECORD_CAP, BLOCK_MESSAGES))
+        return scanned_block(self._buffer, scan_some(self._buffer, at))
 
     def _chunk_blocks(self, place: ChunkPlace) -> Iterator[Block]:
         """The messages of a chunk, which was found whole before."""
@@ -114,11 +115,11 @@ class McapSource:
         except ChunkError as error:
             self._problem(str(error), place.record_offset)
             return
-        yield from (scanned_block(data, found) for found in _scans(data))
+        yield from (scanned_block(data, found) for found in scans(data))
 
     def _walk(self) -> None:
         """Takes every record in order; behind damage it goes on where records begin again."""
-        end = read_end(self._buffer)
+        end = self._end
         self.expected = end.counts
         at: int | None = len(MAGIC)
         resync = Resync(self._buffer)
@@ -128,8 +129,8 @@ class McapSource:
             if found["footer"]:
                 self._check_end(stop)
                 break
-            again = resync.next_record(stop + 1, self.topics.keys()) if found["reason"] else None
-            missing = (len(self._buffer) if again is None else again) - stop
+            again = resync.next_record(found, self._bad_chunk, self.topics.keys()) if found["reason"] else None
+            missing = max(0, (len(self._buffer) if again is None else again) - stop)
             reason = found["reason"] or "no footer: the recording was not closed"
             self._problem(f"{reason}; {missing} of {len(self._buffer)} bytes from here on are not readable", stop)
             at = again
@@ -143,7 +144,7 @@ class McapSource:
     def _walk_from(self, at: int) -> dict[str, Any]:
         """Takes the records from one place on up to the first one that cannot be read, or the footer."""
         while True:
-            found: dict[str, Any] = _records.scan(self._buffer, at, RECORD_CAP, BLOCK_MESSAGES)
+            found = scan_some(self._buffer, at)
             self._take_others(found, self._buffer)
             if len(found["channel"]):
                 self.checksums = False
@@ -166,7 +167,8 @@ class McapSource:
             if opcode in _DESCRIPTIONS and not self._has_room():
                 continue
             if opcode == Opcode.SCHEMA:
-                if (schema := self._parse(records.Schema, offset, length, buffer)) is not None:
+                schema = self._parse(records.Schema, offset, length, buffer)
+                if schema is not None and (schema.id not in self._schemas or self._end.verified):
                     self._schemas[schema.id] = schema
             elif opcode == Opcode.CHANNEL:
                 self._add_channel(self._parse(records.Channel, offset, length, buffer))
@@ -188,8 +190,8 @@ class McapSource:
         return self._descriptions <= MAX_DESCRIPTIONS
 
     def _add_channel(self, channel: records.Channel | None) -> None:
-        if channel is None:
-            return
+        if channel is None or (channel.id in self._channels and not self._end.verified):
+            return  # the copy at the end counts only if its checksum is right
         if channel.message_encoding != "cdr":
             self._problem(f"{channel.topic}: encoding {channel.message_encoding!r} is not read, only cdr")
         schema = self._schemas.get(channel.schema_id)
@@ -198,15 +200,19 @@ class McapSource:
         self._channels[channel.id] = channel
 
     def _add_chunk(self, offset: int, length: int) -> None:
+        if offset - 9 in self._chunks_met:
+            return
         self._chunks_met.add(offset - 9)
         try:
             place = chunk_place(self._buffer, offset, length)
             data = chunk_data(self._buffer, place)
         except ChunkError as error:
             self._problem(f"{error}; {length} bytes skipped", offset)
+            self._bad_chunk = offset - 9
             return
+        self._bad_chunk = None
         messages: Counter[int] = Counter()
-        for found in _scans(data):
+        for found in scans(data):
             self._take_others(found, data)
             messages.update(_count(found["channel"]))
             if found["reason"]:
@@ -277,15 +283,6 @@ class McapSource:
             return
         self._told.add(problem)
         self.problems.append(problem)
-
-
-def _scans(data: Buffer) -> Iterator[dict[str, Any]]:
-    """The records of a chunk, a bounded number of messages at a time."""
-    at, more = 0, True
-    while more:
-        found = _records.scan(data, at, RECORD_CAP, BLOCK_MESSAGES)
-        at, more = found["stop"], found["limit"]
-        yield found
 
 
 def _count(channels: IntArray) -> Counter[int]:

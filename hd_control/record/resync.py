@@ -9,17 +9,19 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Collection
+from typing import Any
 
 from mcap.opcode import Opcode
 
 from hd_control.record.fixed_cdr import Buffer
+from hd_control.record.mcap_file import MESSAGE
 from hd_control.record.problems import RECORD_CAP
 
 CHAIN = 4
-MAX_CANDIDATES = 200_000
+MAX_CANDIDATES = 100_000
 """Places tried in one file; more than this is no damage but a file made to take long."""
 _HEAD = struct.Struct("<BQ")
-_MESSAGE = struct.Struct("<HIQQ")
+_CONTENT = struct.Struct("<HIQQ")
 # opcode of a message, a chunk or the end of the data, then a length below 2^32
 _CANDIDATE = re.compile(rb"[\x05\x06\x0f].{4}\x00{4}", re.DOTALL)
 
@@ -30,18 +32,30 @@ class Resync:
     def __init__(self, buffer: Buffer) -> None:
         self._buffer, self._left = buffer, MAX_CANDIDATES
 
-    def next_record(self, start: int, channels: Collection[int]) -> int | None:
-        """The first byte at or behind `start` where a chain of records begins; None if there is none."""
-        at = start
+    def next_record(self, found: dict[str, Any], bad_chunk: int | None, channels: Collection[int]) -> int | None:
+        """Where a chain of records begins behind the place at which a walk stopped; None if there is none.
+
+        `found` is what the walk found last, `bad_chunk` the beginning of a chunk that failed, if no whole one followed.
+        """
+        at = _doubtful_place(self._buffer, found, bad_chunk) + 1
         while self._left > 0:
             self._left -= 1
-            found = _CANDIDATE.search(self._buffer, at)
-            if found is None:
+            place = _CANDIDATE.search(self._buffer, at)
+            if place is None:
                 return None
-            if _is_chain(self._buffer, found.start(), channels):
-                return found.start()
-            at = found.start() + 1
+            if _is_chain(self._buffer, place.start(), channels):
+                return place.start()
+            at = place.start() + 1
         return None
+
+
+def _doubtful_place(buffer: Buffer, found: dict[str, Any], bad_chunk: int | None) -> int:
+    """The beginning of the last record that may have a wrong length, so that the next whole one lies inside of it."""
+    message = int(found["offset"][-1]) - MESSAGE.size if len(found["offset"]) else -1
+    other = int(found["other_offset"][-1]) - _HEAD.size if len(found["other_offset"]) else -1
+    last: int = max(message, other)
+    place: int = found["stop"] if last < 0 or buffer[last] == Opcode.CHUNK else last
+    return place if bad_chunk is None or bad_chunk < message else min(place, bad_chunk)
 
 
 def _is_chain(buffer: Buffer, at: int, channels: Collection[int]) -> bool:
@@ -62,7 +76,7 @@ def _is_chain(buffer: Buffer, at: int, channels: Collection[int]) -> bool:
 
 
 def _is_message(buffer: Buffer, content: int, length: int, channels: Collection[int]) -> bool:
-    if length < _MESSAGE.size:
+    if length < _CONTENT.size:
         return False
-    channel, _, log_time, publish_time = _MESSAGE.unpack_from(buffer, content)
+    channel, _, log_time, publish_time = _CONTENT.unpack_from(buffer, content)
     return channel in channels and log_time < 1 << 63 and publish_time < 1 << 63

@@ -78,13 +78,19 @@ def scan_topic(bag: BagReader, topic: str) -> tuple[TopicScan, IntArray, NDArray
         streams.append(known[inverse] if len(known) else np.zeros(0, np.int32))
         scan.add_values(columns, rows)
     joined = np.concatenate(stamps) if stamps else np.zeros(0, np.int64)
+    stamps.clear()
     scan.count = len(joined)
     if scan.count:
         scan.first_ns, scan.last_ns = int(joined.min()), int(joined.max())
-    steps = np.diff(joined)
-    moving = steps[steps > 0]
-    scan.step_ns = float(np.median(moving)) if len(moving) else 0.0
+    scan.step_ns = _median_step(joined)
     return scan, joined, np.concatenate(streams) if len(numbers) > 1 else None
+
+
+def _median_step(stamps: IntArray) -> float:
+    steps = np.diff(stamps)
+    if bool((steps <= 0).any()):
+        steps = steps[steps > 0]
+    return float(np.median(steps, overwrite_input=True)) if len(steps) else 0.0
 
 
 def speeds_from_angles(bag: BagReader, scan: TopicScan, joints: Sequence[str]) -> dict[str, SpeedScan]:
