@@ -17,12 +17,12 @@ from hd_control.core.errors import ConfigError
 from hd_control.core.parameters import ParameterSet
 from hd_control.sensing import fusion
 from hd_control.stages import topics
-from hd_control.stages.gate_values import limits_block
+from hd_control.stages.fusion_stage import FusionStage
+from hd_control.stages.gate_values import safety_limits
 from hd_control.stages.motion_stage import MotionStage
 from hd_control.stages.node_parameters import shipped_values
 from hd_control.stages.stage import Bus, Stage
 from hd_control.stages.torque_stage import TorqueStage
-from hd_control.stages.wiring import FUSION
 from hd_sim.plant_config import PlantConfig
 from hd_sim.scenario import Plan
 from hd_sim.world import World, sensor_arrays
@@ -65,10 +65,10 @@ class Runner:
         robot, dt = setup.config.robot, setup.config.period
         values = setup.all_values()
         names = robot.joint_names
-        limits = limits_block(str(setup.values.get("limits", {}).get("file", "limits.yaml")), names, dt)
+        limits = safety_limits(str(setup.values.get("limits", {}).get("file", "limits.yaml")), names, dt)
         self.robot, self.period, self.tick = robot, dt, 0
         self.world = World(setup.config, limits, setup.seed)
-        self.fusion = Stage(FUSION, fusion, robot, dt)
+        self.fusion = FusionStage(robot, dt, limits)
         self.motion = MotionStage(robot, dt, values["motion_node"]["goal_blend_time"])
         self.torque = TorqueStage(robot, dt, names, limits)
         self.stages: list[tuple[str, Stage]] = [

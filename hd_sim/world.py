@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from hd_control.control.guard_limits import SafetyLimits
 from hd_control.core.blocks import Block, FloatArray
 from hd_control.stages.fault_book import FaultBook
 from hd_sim.drive_seam import DriveSeam
@@ -32,7 +33,7 @@ def sensor_places(sample: Block) -> dict[str, dict[str, range]]:
 class World:
     """A plant behind its own safety gate, with the faults of that gate."""
 
-    def __init__(self, config: PlantConfig, limits: Block, seed: int) -> None:
+    def __init__(self, config: PlantConfig, limits: SafetyLimits, seed: int) -> None:
         self.joint_names = config.robot.joint_names
         self.seam = DriveSeam(Plant(config, seed), limits)
         self.faults = FaultBook()

@@ -43,7 +43,7 @@ def _gate(runner: Runner) -> Callable[[], None]:
     stage = runner.torque
     command = np.array(stage.gate_state.last_torque)
     ages, ticks = np.zeros(command.size), np.full(command.size, float(runner.tick))
-    measured, limits, state = stage.measured, stage.limits, stage.gate_state
+    measured, limits, state = stage.guard.measured, stage.limits.gate, stage.gate_state
 
     def call() -> None:
         for _ in range(REPEAT):

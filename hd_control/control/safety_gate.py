@@ -55,11 +55,9 @@ def activate(gate_state: Block, limits: Block, applied: ArrayLike) -> Block:
     The commands get as many samples to catch up as the rate limit needs across the whole torque range; rate excesses in
     that time are limited and counted, but do not stop the robot.
     """
-    state = gate_state.copy()
+    state = caught_up(gate_state, limits)
     state.active = 1.0
     state.last_torque = np.asarray(applied, dtype=float)
-    state.rate_excess_run = 0.0
-    state.catch_up = np.ceil(2.0 * limits.torque_limit / limits.torque_step)
     return state
 
 
@@ -67,6 +65,21 @@ def deactivate(gate_state: Block) -> Block:
     """The gate closed: zero torque from the next sample. The latch stays as it is."""
     state = gate_state.copy()
     state.active = 0.0
+    return state
+
+
+def stopped_by(gate_state: Block, code: FaultCode, joint: int) -> Block:
+    """The gate after a stop that its caller demands: torque ramps to zero from the next sample on, latched."""
+    state = gate_state.copy()
+    _stop(state, code, joint)
+    return state
+
+
+def caught_up(gate_state: Block, limits: Block) -> Block:
+    """The gate before a new source of commands: rate excesses count anew, after the time to cross the torque range."""
+    state = gate_state.copy()
+    state.rate_excess_run = 0.0
+    state.catch_up = np.ceil(2.0 * limits.torque_limit / limits.torque_step)
     return state
 
 
@@ -212,6 +225,7 @@ def _ramp(j: int, limits: Block, state: Block) -> float:
 
 __all__ = [
     "activate",
+    "caught_up",
     "deactivate",
     "faults_from_rows",
     "initial_gate_state",
@@ -221,4 +235,5 @@ __all__ = [
     "safety_gate",
     "safety_gate_compiled",
     "state_layout",
+    "stopped_by",
 ]

@@ -19,12 +19,12 @@ from hd_control.nodes.process import run_node
 from hd_control.nodes.reset_service import serve_reset
 from hd_control.nodes.stage_shell import StageShell, own_values, prefixed
 from hd_control.sensing import fusion
-from hd_control.stages.gate_values import LIMITS, limits_block
+from hd_control.stages.fusion_stage import FusionStage
+from hd_control.stages.gate_values import LIMITS, safety_limits
 from hd_control.stages.motion_stage import MotionStage
 from hd_control.stages.node_parameters import CHAIN_PARTS, shipped_values
 from hd_control.stages.stage import Stage
 from hd_control.stages.torque_stage import TorqueStage
-from hd_control.stages.wiring import FUSION
 
 LAWS = {"fusion": fusion, "motion": motion, "torque": torque}
 WITH_PLANT = Parameter("with_plant", "run the simulated plant in the same thread", kind=bool, change=Change.FIXED)
@@ -51,8 +51,9 @@ class ChainNode(StageShell):
     def make_stages(self, values: Mapping[str, Any]) -> list[Stage]:
         names = torque.selected_joints(own_values(values, "torque"))
         self.motion = MotionStage(self.robot, self.dt, values["motion.goal_blend_time"])
-        self.torque = TorqueStage(self.robot, self.dt, names, limits_block(values["limits"], names, self.dt))
-        return [Stage(FUSION, fusion, self.robot, self.dt), self.motion, self.torque]
+        self.torque = TorqueStage(self.robot, self.dt, names, safety_limits(values["limits"], names, self.dt))
+        limits = safety_limits(values["limits"], self.robot.joint_names, self.dt)
+        return [FusionStage(self.robot, self.dt, limits), self.motion, self.torque]
 
 
 def make_chain() -> ChainNode:

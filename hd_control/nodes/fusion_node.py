@@ -7,21 +7,26 @@ from __future__ import annotations
 
 from typing import Any
 
+from hd_control.core.parameters import ParameterSet
 from hd_control.nodes.process import run_node
 from hd_control.nodes.stage_shell import StageShell
 from hd_control.sensing import fusion
+from hd_control.stages.fusion_stage import FusionStage
+from hd_control.stages.gate_values import LIMITS, safety_limits
 from hd_control.stages.stage import Stage
-from hd_control.stages.wiring import FUSION
 
 
 class FusionNode(StageShell):
     """One law."""
 
     def __init__(self) -> None:
-        super().__init__("fusion_node", fusion.PARAMETERS)
+        super().__init__(
+            "fusion_node",
+            ParameterSet("fusion_node", (*fusion.PARAMETERS.parameters, LIMITS), fusion.PARAMETERS.rules),
+        )
 
     def make_stages(self, values: Any) -> list[Stage]:
-        return [Stage(FUSION, fusion, self.robot, self.dt)]
+        return [FusionStage(self.robot, self.dt, safety_limits(values["limits"], self.robot.joint_names, self.dt))]
 
 
 def main() -> None:

@@ -13,6 +13,7 @@ from typing import Any
 from hd_control.control import motion
 from hd_control.nodes.goal_desk import GoalDesk
 from hd_control.nodes.process import run_node
+from hd_control.nodes.reset_service import serve_reset
 from hd_control.nodes.stage_shell import StageShell
 from hd_control.stages.motion_stage import MotionStage
 from hd_control.stages.stage import Stage
@@ -24,6 +25,7 @@ class MotionNode(StageShell):
     def __init__(self) -> None:
         super().__init__("motion_node", motion.PARAMETERS)
         self.goals = GoalDesk(self, self.motion, lambda: self.values)
+        serve_reset(self, lambda: self.motion)
 
     def make_stages(self, values: Any) -> list[Stage]:
         self.motion = MotionStage(self.robot, self.dt, values["goal_blend_time"])

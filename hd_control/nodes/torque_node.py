@@ -13,7 +13,7 @@ from hd_control.core.parameters import ParameterSet
 from hd_control.nodes.process import run_node
 from hd_control.nodes.reset_service import serve_reset
 from hd_control.nodes.stage_shell import StageShell
-from hd_control.stages.gate_values import LIMITS, limits_block
+from hd_control.stages.gate_values import LIMITS, safety_limits
 from hd_control.stages.stage import Stage
 from hd_control.stages.torque_stage import TorqueStage
 
@@ -31,7 +31,7 @@ class TorqueNode(StageShell):
 
     def make_stages(self, values: Any) -> list[Stage]:
         names = torque.selected_joints(values)
-        self.torque = TorqueStage(self.robot, self.dt, names, limits_block(values["limits"], names, self.dt))
+        self.torque = TorqueStage(self.robot, self.dt, names, safety_limits(values["limits"], names, self.dt))
         return [self.torque]
 
 

@@ -131,7 +131,7 @@ def history(case: Case) -> History:
     bounds = {name: _bounds(params, name) for name in parts}
     time: FloatArray = runner.period * np.arange(last, dtype=np.float64)
     # Two gates, one behind the law and one in front of the drives: either may have stopped the robot.
-    stopped = runner.world.seam.stopped or runner.torque.gate_state.stopped != 0.0
+    stopped = runner.world.seam.stopped or runner.torque.guard.stopped
     return History(time, rows[0], rows[1], rows[2], parts, bounds, slice(first, last), bool(stopped))
 
 

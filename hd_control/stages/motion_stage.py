@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from hd_control.control import motion
 from hd_control.control.trajectory import Path, TrajectoryFollower
 from hd_control.core.robot import Robot
 from hd_control.stages.stage import OK, Stage
 from hd_control.stages.wiring import MOTION
 
+LOST_TOLERANCE = 0.05
+"""rad; a reference further from the joint is no motion any more: the goal is dropped, the reference is set anew."""
+
 
 class MotionStage(Stage):
-    """Follows one path, holds the measured position before the first."""
+    """Follows one path, holds the measured position before the first and after a joint has lost its reference."""
 
     def __init__(self, robot: Robot, dt: float, blend_time: float) -> None:
         super().__init__(MOTION, motion, robot, dt)
@@ -20,7 +25,10 @@ class MotionStage(Stage):
         self.follower: TrajectoryFollower | None = None
         self._handover: Path | None = None
         self._reference_array = self._find_reference_array()
-        self.late_goals = 0
+        self._measured = self.sample.joint_position
+        self.late_goals = self.aborted_goals = 0
+        self.reset_asked = False
+        self.reset_answer: list[str] | None = None
 
     def start(self) -> None:
         """A new activation: link parameters survive, the reference starts at the measured position."""
@@ -37,11 +45,24 @@ class MotionStage(Stage):
             self.follower = TrajectoryFollower(
                 self.joint_names, self.dt, self.sample.joint_position, tick, self.blend_time
             )
+        self._check_reference(tick)
         path, self._handover = self._handover, None
         if path is not None:
             self._take(path, tick)
         self.follower.sample(tick, self._reference_array)
         super().act(tick)
+
+    def _check_reference(self, tick: int) -> None:
+        """Drops the goal when a joint does not follow any more, or on a reset: the reference becomes its position."""
+        follower, measured = self.follower, self._measured
+        assert follower is not None
+        far = np.abs(self._reference_array[: measured.size] - measured) > LOST_TOLERANCE
+        lost = self.tick >= 0 and bool(far.any())
+        if (lost or self.reset_asked) and np.isfinite(measured).all():
+            self.aborted_goals += int(follower.moving(tick))
+            follower.hold(measured, tick)
+            if self.reset_asked:
+                self.reset_answer, self.reset_asked = [], False
 
     def _take(self, path: Path, tick: int) -> None:
         assert self.follower is not None
@@ -60,4 +81,13 @@ class MotionStage(Stage):
         if follower is None:
             return OK, "", {"goal": "none"}
         moving = follower.moving(self.tick)
-        return OK, "", {"goal": follower.active.identifier, "moving": moving, "late_goals": self.late_goals}
+        return (
+            OK,
+            "",
+            {
+                "goal": follower.active.identifier,
+                "moving": moving,
+                "late_goals": self.late_goals,
+                "aborted_goals": self.aborted_goals,
+            },
+        )

@@ -1,4 +1,4 @@
-"""The torque law with layer 1 of the safety gate behind it."""
+"""The torque law with layer 1 of the guard behind it, and the monitors of ticks and adaptation."""
 
 from __future__ import annotations
 
@@ -7,26 +7,38 @@ from typing import Any
 
 import numpy as np
 
-from hd_control.control import safety_gate as gate
+from hd_control.control import adaptation_monitor as adaptation
 from hd_control.control import torque
+from hd_control.control.guard import Guard, Mode
+from hd_control.control.guard_limits import SafetyLimits
 from hd_control.core.blocks import Block, FloatArray
-from hd_control.core.faults import FaultCode
+from hd_control.core.faults import Action, Fault, FaultCode, strongest
 from hd_control.core.robot import Robot
 from hd_control.stages import topics
+from hd_control.stages.black_box import BlackBox
 from hd_control.stages.fault_book import FaultBook
 from hd_control.stages.stage import ERROR, OK, Bus, Stage
 from hd_control.stages.wiring import TORQUE
 
+WATCH_TICKS = 10
+"""The adaptation is looked at every so many ticks."""
+REFERENCE_TOLERANCE = 0.005
+"""rad; a reference further from the joint refuses a reset: the arm would jump to it."""
+
 
 class TorqueStage(Stage):
-    """Torque law and gate. An exception of the law becomes a command that is not finite: the gate stops and latches."""
+    """Torque law and guard. An exception of the law becomes a command that is not finite: the guard stops."""
 
-    def __init__(self, robot: Robot, dt: float, joint_names: Sequence[str], limits: Block) -> None:
+    def __init__(self, robot: Robot, dt: float, joint_names: Sequence[str], limits: SafetyLimits) -> None:
         super().__init__(TORQUE, torque, robot, dt, joint_names)
-        joints = len(self.joint_names)
+        joints, rows = len(self.joint_names), robot.indices(self.joint_names)
         self.limits = limits
-        self.gate_state = gate.initial_gate_state(joints)
-        self.measured = gate.new_measured(joints)
+        self.guard = Guard(limits, robot.position_low[rows], robot.position_high[rows], dt)
+        names = ("motor_position", "motor_velocity", "joint_position", "joint_velocity")
+        self._measured = [(self.guard.measured.view(name), self.sample.view(name)) for name in names]
+        self.degraded_samples = 0
+        self.adaptation = adaptation.initial(joints)
+        self.black_box = BlackBox(round(2.0 / dt), round(1.0 / dt))
         self.ages, self.ticks, self.allowed = np.zeros(joints), np.zeros(joints), np.zeros(joints)
         self.stopped_command = np.full(joints, np.nan)
         self.exception: Exception | None = None
@@ -48,7 +60,9 @@ class TorqueStage(Stage):
         self.state = kept if same_law else None
         if same_law and before is not None:  # a model that changed meanwhile goes on from the estimates that survive
             self.params = self._taken = before
-        self.gate_state, self.gate_open = gate.deactivate(self.gate_state), False
+        self.guard.deactivate()
+        self.gate_open = False
+        self.adaptation = adaptation.initial(len(self.joint_names))
 
     def read(self, bus: Bus) -> None:
         super().read(bus)
@@ -61,9 +75,21 @@ class TorqueStage(Stage):
             self.reference.desired_position = self.sample.joint_position
             self.reference.desired_velocity = 0.0
 
+    @property
+    def gate_state(self) -> Block:
+        """State of the gate behind the law."""
+        return self.guard.gate
+
+    @property
+    def mode(self) -> str:
+        """INACTIVE, ACTIVE, DEGRADED, STOPPING, HOLDING or STOPPED."""
+        mode = self.guard.mode
+        return "DEGRADED" if mode is Mode.ACTIVE and self.degraded_samples > 0 else mode.name
+
     def act(self, tick: int) -> None:
+        demands = self._monitor(tick)
         try:
-            self.advance()
+            self._advance_law()
             assert self.output is not None
             command = self.output.motor_torque
         except Exception as error:  # F33: the gate turns the missing command into a stop
@@ -72,7 +98,39 @@ class TorqueStage(Stage):
         if self.exception is not None:
             command = self.stopped_command
         self.tick = tick
-        self.allowed = self.through_gate(tick, command)
+        self.allowed = self.through_gate(tick, command, demands)
+        self.black_box.note(tick, (self.sample.array, self.reference_array, command, self.allowed), self.guard.stopped)
+
+    @property
+    def reference_array(self) -> FloatArray:
+        """The numbers of the reference."""
+        assert self.reference is not None
+        return self.reference.array
+
+    def _advance_law(self) -> None:
+        """The law's step; degraded, the estimates stay as they were, bit for bit."""
+        before = self.state
+        self.advance()
+        if self.degraded_samples > 0 and before is not None and self.state is not None:
+            for name in adaptation.ESTIMATES:
+                if name in before.layout.slices:
+                    self.state.view(name)[...] = before.view(name)
+
+    def _monitor(self, tick: int) -> list[Fault]:
+        """Lost ticks and the adaptation; counts how long the robot stays degraded."""
+        found = adaptation.lost_ticks(tick - self.tick - 1 if self.tick >= 0 else 0, self.limits)
+        if tick % WATCH_TICKS == 0 and self.state is not None and self.state.layout.name == "TorqueState":
+            assert self.params is not None
+            self.adaptation, more = adaptation.watch(
+                self.adaptation, self.state, self.params, self.sample, self.reference_array, self.limits.guard,
+                WATCH_TICKS * self.dt,
+            )  # fmt: skip
+            found += more
+        if found and strongest(found) >= Action.DEGRADE:
+            self.degraded_samples = int(self.limits.guard.recover_samples)
+        elif self.degraded_samples > 0:
+            self.degraded_samples -= 1
+        return found
 
     def results(self) -> Bus:
         return {topics.COMMAND: {"effort": self.allowed}}
@@ -84,33 +142,53 @@ class TorqueStage(Stage):
     def outgoing_places(self, topic: str) -> dict[str, range]:
         return {"effort": range(len(self.joint_names))}
 
-    def through_gate(self, tick: int, command: Any) -> Any:
+    def through_gate(self, tick: int, command: Any, demands: Sequence[Fault] = ()) -> Any:
         """The last step before publishing."""
         if not self.gate_open:
-            self.gate_state = gate.activate(self.gate_state, self.limits, self.sample.motor_torque)
+            self.guard.activate(self.sample.motor_torque)
             self.gate_open = True
         self.ticks.fill(tick)
+        for target, source in self._measured:
+            target[:] = source
         if self.reset_asked:
             self.answer_reset()
-        allowed, self.gate_state, faults = gate.safety_gate_compiled(
-            command, self.measured, self.ages, self.ticks, self.limits, self.gate_state
-        )
+        allowed, faults = self.guard.step(command, self.ages, self.ticks, demands)
         if faults:
             self.faults.note(faults, tick)
         return allowed
 
     def answer_reset(self) -> None:
         """Between two ticks, on request of the reset service."""
-        self.measured.joint_position = self.sample.joint_position
-        self.measured.joint_velocity = self.sample.joint_velocity
-        self.gate_state, refused = gate.reset(self.gate_state, self.measured, self.limits)
+        refused = self.guard.reset(self._reasons_of_reference())
         if not refused:
             self.exception = None
             self.faults.clear()
+            self.black_box.clear()
+            if self.state is not None:
+                self.state = torque.restarted(self.state)
         self.reset_answer, self.reset_asked = refused, False
 
+    def _reasons_of_reference(self) -> list[str]:
+        """Why the law may not take over again: a goal runs, or the reference is not where the joint is."""
+        reference, sample, found = self.reference, self.sample, []
+        assert reference is not None
+        for j, name in enumerate(self.joint_names):
+            if not reference.desired_velocity[j] == 0.0:
+                found.append(f"{name}: a goal is active; reset the motion law first")
+            gap = float(reference.desired_position[j] - sample.joint_position[j])
+            if not abs(gap) <= REFERENCE_TOLERANCE:
+                found.append(
+                    f"{name}: reference {gap:.4g} rad from the joint, limit {REFERENCE_TOLERANCE:g} rad; "
+                    "reset the motion law first"
+                )
+        return found
+
     def report(self) -> tuple[int, str, dict[str, Any]]:
-        values: dict[str, Any] = {"gate_stopped": bool(self.gate_state.stopped), **self.faults.values(self.joint_names)}
+        values: dict[str, Any] = {
+            "gate_stopped": self.guard.stopped,
+            "mode": self.mode,
+            **self.faults.values(self.joint_names),
+        }
         if self.state is not None:
             for name in (
                 "coulomb_torque",
@@ -124,7 +202,7 @@ class TorqueStage(Stage):
                 values[name] = " ".join(f"{number:.6g}" for number in self.state.view(name))
         if self.exception is not None:
             return ERROR, f"{FaultCode.EXCEPTION.text}: {self.exception!r}", values
-        if self.gate_state.stopped != 0.0:
+        if self.guard.stopped:
             return ERROR, self.faults.headline(self.joint_names) or "stopped; call reset", values
         return OK, "", values
 

@@ -13,7 +13,7 @@ from hd_control.nodes.chain import ChainNode
 from hd_control.nodes.lifecycle_shell import Introspection
 from hd_control.nodes.ros_loop import wait_matched
 from hd_control.stages import topics
-from hd_control.stages.gate_values import limits_block
+from hd_control.stages.gate_values import safety_limits
 from hd_control.stages.stage import Bus
 from hd_sim.nodes.plant_parameters import PARAMETERS, plant_config
 from hd_sim.nodes.plant_turn import PlantTurn
@@ -72,7 +72,7 @@ class ChainWithPlant(ChainNode):
             self.plant_turn.live_values(self.values)
 
     def build(self) -> Callable[[], None]:
-        limits = limits_block(self.values["limits"], self.robot.joint_names, self.dt)
+        limits = safety_limits(self.values["limits"], self.robot.joint_names, self.dt)
         self.world = World(self.config, limits, self.values["seed"])
         lockstep = self.values["clock"] == "lockstep"
         self.inputs, self.temperature = [], None

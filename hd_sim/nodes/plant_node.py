@@ -16,7 +16,7 @@ from hd_control.nodes.lifecycle_shell import OK, Shell
 from hd_control.nodes.process import run_node
 from hd_control.nodes.reset_service import serve_reset
 from hd_control.nodes.ros_loop import wait_matched
-from hd_control.stages.gate_values import LIMITS, limits_block
+from hd_control.stages.gate_values import LIMITS, safety_limits
 from hd_sim.nodes.plant_parameters import PARAMETERS, plant_config
 from hd_sim.nodes.plant_turn import PlantTurn
 from hd_sim.nodes.topic_seam import TopicSeam, plant_status
@@ -37,7 +37,7 @@ class PlantNode(Shell):
         return PlantConfig.from_file(str(self.first_value("plant"))).robot
 
     def prepare(self, values: Mapping[str, Any]) -> Any:
-        return plant_config(values), limits_block(values["limits"], self.robot.joint_names, values["period"])
+        return plant_config(values), safety_limits(values["limits"], self.robot.joint_names, values["period"])
 
     def adopt(self, prepared: Any) -> None:
         self.prepared = prepared

@@ -44,7 +44,7 @@ def test_torque_feedback_carries_a_joint(joint, most):
     )
     assert runner.torque.params.layout.name == "FeedbackParams"
     assert error[0] < most
-    assert not runner.world.seam.stopped and runner.torque.gate_state.stopped == 0.0
+    assert not runner.world.seam.stopped and not runner.torque.guard.stopped
     direct, *_ = follow(f"sine_joint_{joint}_0p5hz", f"single_joint_{joint}", values(law="direct"))
     assert error[0] < direct[0]
     assert np.isfinite(commands).all()
@@ -79,7 +79,7 @@ def test_the_gate_behind_the_law_stops_on_what_is_not_finite(law):
     stage.sample.joint_torque = stage.sample.joint_position = np.nan
     stage.reference.joint_torque_required = np.nan
     stage.act(500)
-    assert stage.gate_state.stopped != 0.0
+    assert stage.guard.stopped
     assert np.isfinite(stage.outgoing).all()
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hd_control.stages.gate_values import limits_block
+from hd_control.stages.gate_values import safety_limits
 from hd_sim.drive_seam import ARMING_SAMPLES, DriveSeam
 from hd_sim.plant import Plant, PlantConfig
 
@@ -11,7 +11,7 @@ from hd_sim.plant import Plant, PlantConfig
 @pytest.fixture
 def seam():
     config = PlantConfig.from_file("arm_a")
-    return DriveSeam(Plant(config), limits_block("limits.yaml", config.robot.joint_names, config.period))
+    return DriveSeam(Plant(config), safety_limits("limits.yaml", config.robot.joint_names, config.period))
 
 
 def _gravity(seam):
@@ -49,7 +49,7 @@ def test_a_gap_in_the_commands_starts_the_count_again(seam):
 def test_a_missing_command_is_held_then_stops_all_joints_at_the_age_limit(seam):
     """The command of tick 199 acts in tick 200; from then on its age counts, and the tenth sample stops."""
     _run(seam, 0, 200, _gravity(seam))
-    limit = int(seam.limits.age_limit)
+    limit = int(seam.limits.gate.age_limit)
     held = _run(seam, 200, 200 + limit, None)
     np.testing.assert_array_equal(held, np.tile(_gravity(seam), (limit, 1)))
     assert not seam.stopped and seam.late == limit - 1

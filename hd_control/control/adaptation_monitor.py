@@ -1,0 +1,83 @@
+"""Monitors of the torque law's surroundings: lost ticks (F01, F17) and estimates at their bounds (F34)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+
+import numpy as np
+
+from hd_control.control.guard_limits import SafetyLimits
+from hd_control.core.blocks import Block, FloatArray, Layout, layout_of
+from hd_control.core.faults import Action, Fault, FaultCode
+
+ESTIMATES: Mapping[str, str] = {
+    "coulomb_torque": "coulomb_torque",
+    "friction_offset": "friction_offset",
+    "viscous_positive": "viscous",
+    "viscous_negative": "viscous",
+    "torsional_compliance": "torsional_compliance",
+}
+"""Estimates of the adaptive torque law, with the stem of their bounds."""
+DEGRADE_GROWTH, STOP_GROWTH = 2.0, 4.0
+SMALLEST_ERROR = 0.01
+"""rad; a smaller tracking error is no reason to act, however it grew."""
+ERROR_SAMPLES = 10.0
+_FIELDS = (
+    ("error", 1, "rad", "mean tracking error over about 10 looks"),
+    ("time_at_bound", 1, "s", "since an estimate of the joint is at its bound"),
+    ("error_at_bound", 1, "rad", "error when that began"),
+)
+
+
+@lru_cache
+def _layout(joints: int) -> Layout:
+    return layout_of("AdaptationWatch", _FIELDS, joints)
+
+
+def initial(joints: int) -> Block:
+    """Nothing at a bound."""
+    return _layout(joints).zeros()
+
+
+def lost_ticks(gap: int, limits: SafetyLimits) -> list[Fault]:
+    """What `gap` lost ticks in a row demand: report, degrade, stop."""
+    if gap <= 0:
+        return []
+    action, bound = Action.REPORT, 1.0
+    if gap >= limits.gate.age_limit:
+        action, bound = Action.CONTROLLED_STOP, float(limits.gate.age_limit)
+    elif gap >= limits.guard.degrade_gap_samples:
+        action, bound = Action.DEGRADE, float(limits.guard.degrade_gap_samples)
+    return [Fault(FaultCode.FRAME_LOST, -1, float(gap), bound, action)]
+
+
+def watch(
+    memory: Block, state: Block, params: Block, sample: Block, reference: FloatArray, limits: Block, dt: float
+) -> tuple[Block, list[Fault]]:
+    """F34 of one sample. `reference`: array of the law's reference block, whose second part is the desired position.
+
+    An estimate at its bound is normal work of the projection. It becomes a fault when it lasts and the error grows.
+    """
+    new = memory.copy()
+    n = state.joints
+    error = np.abs(reference[n : 2 * n] - sample.joint_position)
+    error = np.where(np.isfinite(error), error, memory.error)
+    new.error = memory.error + (error - memory.error) / ERROR_SAMPLES
+    at_bound = np.zeros(n, dtype=bool)
+    for name, stem in ESTIMATES.items():
+        value = state.view(name)
+        low, high = params.view(f"{stem}_low"), params.view(f"{stem}_high")
+        at_bound |= ((value <= low) | (value >= high)) & (low < high)
+    began = at_bound & (memory.time_at_bound == 0.0)
+    new.error_at_bound = np.where(began, new.error, memory.error_at_bound)
+    new.time_at_bound = np.where(at_bound, memory.time_at_bound + dt, 0.0)
+    long = (new.time_at_bound > limits.adaptation_time) & (new.error > SMALLEST_ERROR)
+    if not long.any():
+        return new, []
+    growth = new.error / np.fmax(new.error_at_bound, SMALLEST_ERROR / STOP_GROWTH)
+    found = []
+    for j in np.flatnonzero(long & (growth >= DEGRADE_GROWTH)):
+        action = Action.CONTROLLED_STOP if growth[j] >= STOP_GROWTH else Action.DEGRADE
+        found.append(Fault(FaultCode.ADAPTATION, int(j), float(growth[j]), DEGRADE_GROWTH, action))
+    return new, found

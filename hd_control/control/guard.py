@@ -1,0 +1,233 @@
+"""Guard: the safety gate with a controlled stop in front of it. The same object stands on both sides of the wire.
+
+    command -> inputs healthy? -> envelope -> strongest action -> law's torque | stop torque | ramp -> safety gate
+
+Actions (docs/safety.md): a fault of action CONTROLLED_STOP decelerates and holds (A2); without a usable motor position,
+or when the stop is left, and for TORQUE_RAMP, the gate ramps the torque to zero and the brake is requested (A3). The
+drive side holds only while its brakes close. Both latch for all joints; only `reset` ends them. No clock, no file, no
+exception for any number. This is not a certified safety function.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Sequence
+
+import numpy as np
+
+from hd_control.control import controlled_stop as stop
+from hd_control.control import safety_gate as gate
+from hd_control.control.guard_limits import SafetyLimits
+from hd_control.core.blocks import Block, FloatArray, layout_of
+from hd_control.core.faults import Action, Fault, FaultCode, strongest
+
+_MEASURED = (
+    ("motor_position", 1, "rad", "phi"),
+    ("motor_velocity", 1, "rad/s", "D(phi)"),
+    ("joint_position", 1, "rad", "q"),
+    ("joint_velocity", 1, "rad/s", "D(q)"),
+)
+OUTWARD_SPEED = 0.05
+"""rad/s; slower motion outside the envelope is noise, or the way back."""
+
+
+class Mode(enum.IntEnum):
+    """What leaves: nothing, the law's torque, the torque of a controlled stop, or the ramp to zero."""
+
+    INACTIVE = 0
+    ACTIVE = 1
+    STOPPING = 2
+    HOLDING = 3
+    STOPPED = 4
+
+
+def new_measured(joints: int) -> Block:
+    """Empty block of what the guard looks at: motor and joint, position and velocity."""
+    return layout_of("GuardMeasured", _MEASURED, joints).zeros()
+
+
+class Guard:
+    """State and step of one side. `low`, `high` (n,) rad: joint limits; `hold_samples` 0: hold without end."""
+
+    def __init__(
+        self, limits: SafetyLimits, low: FloatArray, high: FloatArray, dt: float, hold_samples: int = 0
+    ) -> None:
+        self.limits, self.low, self.high, self.dt, self.hold_samples = limits, low, high, dt, hold_samples
+        self.gate = gate.initial_gate_state(limits.joints)
+        self.stop = stop.initial_stop(limits.joints)
+        self.measured = new_measured(limits.joints)
+        self.controlled = False
+        self.healthy = 0
+        self._tick = np.full(limits.joints, -1.0)
+        self._no_age = np.zeros(limits.joints)
+        # Views and arrays of the hot path, looked up once.
+        self._age_limit = float(limits.gate.age_limit)
+        self._twice_deceleration = 2.0 * limits.guard.stop_deceleration
+        self._position, self._velocity = self.measured.joint_position, self.measured.joint_velocity
+        self._emitting = False
+        self._mean = np.zeros(limits.joints)
+
+    @property
+    def mode(self) -> Mode:
+        """The state as the safety notes name it."""
+        if self.gate.active == 0.0:
+            return Mode.INACTIVE
+        if self.gate.stopped != 0.0:
+            return Mode.STOPPED
+        if self.controlled:
+            return Mode.HOLDING if stop.resting(self.stop) else Mode.STOPPING
+        return Mode.ACTIVE
+
+    @property
+    def stopped(self) -> bool:
+        """True after a latched stop of either kind."""
+        return self.controlled or bool(self.gate.stopped != 0.0)
+
+    def activate(self, applied: FloatArray) -> None:
+        """Opens with the torque (n,) N m that the drive holds now. A latched stop stays latched."""
+        self.gate = gate.activate(self.gate, self.limits.gate, applied)
+        self._look()
+
+    def deactivate(self) -> None:
+        """Closed: zero torque from the next sample. A controlled stop ends as a ramp that has ended."""
+        if self.controlled:
+            self.gate = gate.stopped_by(self.gate, FaultCode.STOP_LEFT, -1)
+        self.gate = gate.deactivate(self.gate)
+        self._look()
+
+    def _look(self) -> None:
+        """After any change of the state: may the law's torque leave?"""
+        self._emitting = bool(self.gate.active != 0.0) and not self.stopped
+
+    def step(
+        self, command: FloatArray, ages: FloatArray, ticks: FloatArray, demands: Sequence[Fault] = ()
+    ) -> tuple[FloatArray, list[Fault]]:
+        """One sample: the torque that may leave (n,) N m, and its faults. `demands` are those of the monitors."""
+        emitting = self._emitting
+        found = [*demands, *self._input_faults(command, ages, ticks), *self._envelope_faults()]
+        action = strongest(found)
+        self.healthy = self.healthy + 1 if action < Action.CONTROLLED_STOP else 0
+        if action >= Action.CONTROLLED_STOP:
+            self._stop(found, action)
+        if self.controlled:
+            out, gate_faults = self._controlled(found)
+        else:
+            out, gate_faults = self._through_or_stop(command, ages, ticks, found)
+            self._mean += (out - self._mean) / stop.MEAN_SAMPLES
+        known = {(fault.code, fault.joint) for fault in found}
+        found += [fault for fault in gate_faults if (fault.code, fault.joint) not in known]
+        self._tick = np.fmax(ticks, self._tick)
+        if found:
+            self._look()
+        return out, found if emitting else [_reported(fault) for fault in found]
+
+    def _through_or_stop(
+        self, command: FloatArray, ages: FloatArray, ticks: FloatArray, found: list[Fault]
+    ) -> tuple[FloatArray, list[Fault]]:
+        """The gate; a stop that the gate itself wants becomes a controlled one while that is possible."""
+        before = self.gate
+        out, faults = self._through(command, ages, ticks)
+        stops = [fault for fault in faults if fault.action >= Action.CONTROLLED_STOP]
+        if not (stops and self._emitting and stops[0].code is FaultCode.RATE_PERSISTENT):
+            return out, faults
+        self.gate, self.healthy = before, 0
+        found += [Fault(f.code, f.joint, f.value, f.limit, Action.CONTROLLED_STOP) for f in stops]
+        self._stop(found, Action.CONTROLLED_STOP)
+        return self._controlled(found) if self.controlled else self._through(command, ages, ticks)
+
+    def reset(self, reasons: Sequence[str] = ()) -> list[str]:
+        """Ends a latched stop if all is healthy, still and none of the caller's `reasons` speaks against it.
+
+        Returns the reasons of a refusal.
+        """
+        trial = self.gate.copy()
+        trial.healthy_samples = float(self.healthy)
+        if self.controlled:
+            trial.last_torque = 0.0
+        new, refused = gate.reset(trial, self.measured, self.limits.gate)
+        refused = [*refused, *reasons]
+        if refused:
+            return refused
+        self.gate, self.controlled = self._reopened(new), False
+        self._look()
+        return []
+
+    def _reopened(self, new: Block) -> Block:
+        applied = self.gate.last_torque.copy()
+        new.last_tick = self._tick
+        new.last_torque = applied
+        return gate.activate(new, self.limits.gate, applied) if new.active == 1.0 else new
+
+    def _input_faults(self, command: FloatArray, ages: FloatArray, ticks: FloatArray) -> list[Fault]:
+        """Commands that are not finite, too old, or not newer than the last ones."""
+        finite = np.isfinite(command)
+        fresh = (ticks > self._tick) & (ticks <= gate.LARGEST_TICK)
+        young = (ages >= 0.0) & (ages < self._age_limit)
+        if (finite & fresh & young).all():
+            return []
+        found = []
+        for code, good, values, bounds in (
+            (FaultCode.NOT_FINITE, finite, command, self._no_age),
+            (FaultCode.STAMP_STUCK, fresh, ticks, self._tick),
+            (FaultCode.NODE_KILLED, young, ages, self._no_age + self._age_limit),
+        ):
+            found += [
+                Fault(code, int(j), float(values[j]), float(bounds[j]), Action.CONTROLLED_STOP)
+                for j in np.flatnonzero(~good)
+            ]
+        return found
+
+    def _envelope_faults(self) -> list[Fault]:
+        """A joint that moves outward and could no longer stop inside its limits: q + v|v| / (2 a) outside."""
+        position, velocity = self._position, self._velocity
+        end = position + velocity * np.abs(velocity) / self._twice_deceleration
+        inside = (self.low <= end) & (end <= self.high)
+        if inside.all() or not self._emitting:
+            return []
+        found = []
+        for j in np.flatnonzero(~inside):
+            above, v = bool(end[j] > self.high[j]), float(velocity[j])
+            if (above and v > OUTWARD_SPEED) or (end[j] < self.low[j] and v < -OUTWARD_SPEED):
+                bound = float(self.high[j] if above else self.low[j])
+                found.append(Fault(FaultCode.ENVELOPE, int(j), float(end[j]), bound, Action.CONTROLLED_STOP))
+        return found
+
+    def _stop(self, found: Sequence[Fault], action: Action) -> None:
+        """Begins what the strongest fault demands; a stop that runs is never replaced by a weaker one."""
+        if self.gate.active == 0.0 or self.gate.stopped != 0.0:
+            return
+        first = next(fault for fault in found if fault.action == action)
+        position, velocity = self.measured.motor_position, self.measured.motor_velocity
+        usable = bool(np.isfinite(position).all() and np.isfinite(velocity).all())
+        if action >= Action.TORQUE_RAMP or not usable:
+            self.gate, self.controlled = gate.stopped_by(self.gate, first.code, first.joint), False
+        elif not self.controlled:
+            self.stop, self.controlled = stop.begin(self._mean, position, velocity), True
+            self.gate = gate.caught_up(self.gate, self.limits.gate)
+
+    def _controlled(self, found: list[Fault]) -> tuple[FloatArray, list[Fault]]:
+        """The stop torque through the gate, or the ramp when the stop is left or its time is over."""
+        position, velocity = self.measured.motor_position, self.measured.motor_velocity
+        torque, self.stop = stop.stop_torque(self.stop, position, velocity, self.limits.guard, self.dt)
+        joint = stop.left(self.stop, velocity)
+        if joint >= 0 or not np.isfinite(torque).all():
+            joint = max(joint, 0)
+            bound = float(self.stop.first_speed[joint]) + stop.SPEED_MARGIN
+            found.append(Fault(FaultCode.STOP_LEFT, joint, float(velocity[joint]), bound, Action.TORQUE_RAMP))
+            self.gate, self.controlled = gate.stopped_by(self.gate, FaultCode.STOP_LEFT, joint), False
+        elif 0 < self.hold_samples <= self.stop.elapsed:
+            self.gate, self.controlled = gate.stopped_by(self.gate, FaultCode.STOP_LEFT, -1), False
+        return self._through(torque, self._no_age, self.gate.last_tick + 1.0)
+
+    def _through(self, command: FloatArray, ages: FloatArray, ticks: FloatArray) -> tuple[FloatArray, list[Fault]]:
+        """The gate, always the last. A stop that it begins itself ends a controlled one."""
+        out, self.gate, faults = gate.safety_gate_compiled(
+            command, self.measured, ages, ticks, self.limits.gate, self.gate
+        )
+        self.controlled = self.controlled and bool(self.gate.stopped == 0.0)
+        return out, faults
+
+
+def _reported(fault: Fault) -> Fault:
+    """The same finding while nothing of the law leaves: it is told, and demands nothing."""
+    return Fault(fault.code, fault.joint, fault.value, fault.limit, Action.REPORT)

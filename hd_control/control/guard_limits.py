@@ -1,0 +1,80 @@
+"""Limits of the guard and of the sensor monitors: parameters and blocks. Shipped values: config/limits.yaml."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from hd_control.control import gate_limits
+from hd_control.core.blocks import Block, Layout, layout_of
+from hd_control.core.parameters import Parameter, ParameterSet, Shape
+
+
+def _per_joint(name: str, meaning: str, unit: str, symbol: str = "") -> Parameter:
+    return Parameter(name, meaning, unit, shape=Shape.PER_JOINT, low=0.0, open_low=True, symbol=symbol)
+
+
+def _samples(name: str, meaning: str) -> Parameter:
+    return Parameter(name, meaning, "samples", int, low=1, high=10**6)
+
+
+PARAMETERS = ParameterSet(
+    "guard",
+    (
+        _samples("degrade_gap_samples", "lost ticks in a row that freeze the adaptation"),
+        _samples("recover_samples", "healthy samples in a row that end it"),
+        _samples("brake_samples", "longest hold of the drive side while the brakes close"),
+        _samples("rejected_samples", "bad readings in a row that stop the robot"),
+        _samples("disagree_samples", "samples of disagreeing sensors that stop the robot"),
+        _samples("frozen_samples", "equal readings in motion that stop the robot"),
+        _samples("rail_samples", "gauge readings at the rail that stop the robot"),
+        Parameter("adaptation_time", "time at a bound before a growing error counts", "s", low=0.01, high=1e3),
+        _per_joint("stop_deceleration", "of a controlled stop", "rad/s^2", "a_brake"),
+        _per_joint("stop_damping", "of a controlled stop, on the motor side", "N m s/rad"),
+        _per_joint("stop_stiffness", "of the hold after a controlled stop, on the motor side", "N m/rad"),
+        _per_joint("position_step_limit", "largest jump of a position reading against its prediction", "rad"),
+        _per_joint("gauge_step_limit", "largest jump of a gauge reading against its prediction", "N m"),
+        _per_joint("gauge_rail", "a larger gauge reading is at its rail", "N m"),
+        _per_joint("twist_limit", "largest difference of motor and joint position", "rad"),
+        _per_joint("residual_limit", "largest mean residual of the three sensors over a motor turn", "N m"),
+        _per_joint("ripple_limit", "largest 2 beta amplitude of that residual", "N m"),
+    ),
+)
+_FIELDS = tuple((p.name, int(p.shape is Shape.PER_JOINT), p.unit, p.meaning) for p in PARAMETERS.parameters)
+
+
+@dataclass(frozen=True)
+class SafetyLimits:
+    """What one limits file says for some joints: blocks of the gate and of the guard."""
+
+    gate: Block
+    guard: Block
+
+    @property
+    def joints(self) -> int:
+        """Number of joints."""
+        return self.gate.joints
+
+
+@lru_cache
+def guard_layout(joints: int) -> Layout:
+    """Layout of the guard's limits."""
+    return layout_of("GuardLimits", _FIELDS, joints)
+
+
+def configure(values: Mapping[str, Any], dt: float) -> SafetyLimits:
+    """Checked limits of a complete limits file. Raises ConfigError with every problem, unknown names included."""
+    names = (*gate_limits.PARAMETERS.names, *PARAMETERS.names)
+    own = {name: values[name] for name in PARAMETERS.names if name in values}
+    strangers = {name: value for name, value in values.items() if name not in names}
+    PARAMETERS.check(own | strangers, len(values.get("joint_names", ())))
+    guard = guard_layout(len(values["joint_names"])).pack({name: own[name] for name in PARAMETERS.names})
+    return SafetyLimits(gate_limits.configure(values, dt), guard)
+
+
+def select(values: Mapping[str, Any], joint_names: list[str]) -> dict[str, Any]:
+    """The values of some joints only. Raises ConfigError for a joint without values."""
+    both = ParameterSet("limits", (*gate_limits.PARAMETERS.parameters, *PARAMETERS.parameters))
+    return both.select(values, joint_names)

@@ -1,0 +1,224 @@
+"""Monitors of the three sensors of a joint: F01 to F10 of the fault table as functions on arrays.
+
+Rows of a reading are encoder (output side, rad), resolver (rad) and gauge bridge (N m), columns are joints. No reading
+is replaced in a recording: the raw topics keep what was received. Two bad readings in a row are bridged by the
+prediction; from the third on the reading becomes "not a number", which no law uses and every gate stops on. A jump that
+stays is taken over after it has stopped the robot, so that nothing is rejected for ever.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hd_control.core.blocks import Block, FloatArray
+from hd_control.core.faults import Action, Fault, FaultCode
+
+BoolArray = NDArray[np.bool_]
+ENCODER, RESOLVER, GAUGE = range(3)
+RAIL_SHARE = 0.99
+MOVED_COUNTS = 5.0
+"""Twist limits; less motion than that does not show that a gauge ought to have changed."""
+
+
+@dataclass(frozen=True)
+class SensorLimits:
+    """Limits of the monitors as plain arrays (n,) and numbers; names and units as in config/limits.yaml."""
+
+    twist_limit: FloatArray
+    gauge_rail: FloatArray
+    residual_limit: FloatArray
+    ripple_limit: FloatArray
+    disagree_samples: float
+    frozen_samples: float
+    rail_samples: float
+
+    @classmethod
+    def from_block(cls, limits: Block) -> SensorLimits:
+        """Of a GuardLimits block."""
+        return cls(
+            limits.twist_limit.copy(),
+            limits.gauge_rail.copy(),
+            limits.residual_limit.copy(),
+            limits.ripple_limit.copy(),
+            float(limits.disagree_samples),
+            float(limits.frozen_samples),
+            float(limits.rail_samples),
+        )
+
+
+@dataclass(frozen=True)
+class Screen:
+    """Memory of `screen`, arrays (3, n): last accepted reading, slope per sample, last raw reading, bad in a row."""
+
+    last: FloatArray
+    slope: FloatArray
+    raw: FloatArray
+    bad: FloatArray
+
+
+def first_screen(reading: FloatArray) -> Screen:
+    """The memory after the first reading (3, n)."""
+    zeros = np.zeros_like(reading)
+    return Screen(reading.copy(), zeros, reading.copy(), zeros)
+
+
+def modular(difference: FloatArray, period: FloatArray | None) -> FloatArray:
+    """The difference of two readings of counters that wrap at `period`; 0 or None: they do not."""
+    if period is None:
+        return difference
+    wraps = period > 0.0
+    turns = np.rint(np.divide(difference, period, out=np.zeros_like(difference), where=wraps))
+    return difference - period * turns
+
+
+def screen(
+    reading: FloatArray, memory: Screen, limit: FloatArray, period: FloatArray | None, allowed_bad: float
+) -> tuple[FloatArray, Screen, list[Fault]]:
+    """F04 and F05. Readings (3, n) to use, the new memory, faults. `limit` (3, n): largest jump against the prediction.
+
+    `period` (3, n): counters wrap at it; None: none does.
+    """
+    predicted = memory.last + memory.slope
+    change = modular(reading - predicted, period)
+    good = np.abs(change) <= limit
+    if good.all():
+        slope = modular(reading - memory.last, period)
+        return reading, Screen(reading.copy(), slope, memory.raw, np.zeros_like(slope)), []
+    bad = np.where(good, 0.0, memory.bad + 1.0)
+    gone = bad >= allowed_bad
+    stays = gone & (np.abs(modular(reading - memory.raw, period)) <= limit)
+    used = np.where(good, reading, np.where(gone, np.nan, predicted))
+    new_last = np.where(good | stays, reading, np.where(np.isfinite(predicted), predicted, memory.last))
+    # A bridged reading goes on with half the slope: a long gap must not run away.
+    slope = np.where(good, modular(reading - memory.last, period), np.where(stays, 0.0, 0.5 * memory.slope))
+    faults = []
+    for s, j in np.argwhere(~good):
+        code = FaultCode.SPIKE if np.isfinite(reading[s, j]) else FaultCode.NOT_FINITE
+        action = Action.CONTROLLED_STOP if gone[s, j] else Action.REPORT
+        faults.append(Fault(code, int(j), float(change[s, j]), float(limit[s, j]), action))
+    return used, Screen(new_last, slope, reading.copy(), np.where(stays, 0.0, bad)), faults
+
+
+@dataclass(frozen=True)
+class Frozen:
+    """Memory of `frozen`, arrays (n,): gauge reading, its repetitions, motor position when it last changed."""
+
+    reading: FloatArray
+    repeats: FloatArray
+    position: FloatArray
+
+
+def frozen(
+    gauge: FloatArray, position: FloatArray, memory: Frozen, limits: SensorLimits
+) -> tuple[BoolArray, Frozen, list[Fault]]:
+    """F03 for the gauge: equal readings while the motor moved by much more than a torque could hide."""
+    same = gauge == memory.reading
+    if not same.any():
+        return same, Frozen(gauge.copy(), 0.0 * memory.repeats, position.copy()), []
+    repeats = np.where(same, memory.repeats + 1.0, 0.0)
+    start = np.where(same, memory.position, position)
+    moved = np.abs(position - start) > MOVED_COUNTS * limits.twist_limit
+    found = moved & (repeats >= limits.frozen_samples)
+    faults = [
+        Fault(FaultCode.VALUE_FROZEN, int(j), float(repeats[j]), float(limits.frozen_samples), Action.CONTROLLED_STOP)
+        for j in np.flatnonzero(found)
+    ]
+    return found, Frozen(gauge.copy(), repeats, start), faults
+
+
+def at_rail(gauge: FloatArray, run: FloatArray, limits: SensorLimits) -> tuple[BoolArray, FloatArray, list[Fault]]:
+    """F08: readings at the rail of the gauge. Which joints stop (n,), the new run lengths (n,), faults."""
+    free = np.abs(gauge) < RAIL_SHARE * limits.gauge_rail
+    if free.all():
+        return ~free, 0.0 * run, []
+    run = np.where(free | np.isnan(gauge), 0.0, run + 1.0)
+    stops = run >= limits.rail_samples
+    faults = [
+        Fault(
+            FaultCode.GAUGE_RAIL,
+            int(j),
+            float(gauge[j]),
+            float(limits.gauge_rail[j]),
+            Action.CONTROLLED_STOP if stops[j] else Action.REPORT,
+        )
+        for j in np.flatnonzero(run > 0.0)
+    ]
+    return stops, run, faults
+
+
+def disagree(
+    motor: FloatArray, joint: FloatArray, run: FloatArray, limits: SensorLimits
+) -> tuple[BoolArray, FloatArray, list[Fault]]:
+    """F07: motor and joint position further apart than any twist. Which joints stop, the new run lengths, faults."""
+    difference = motor - joint
+    near = np.abs(difference) <= limits.twist_limit
+    if near.all():
+        return ~near, 0.0 * run, []
+    run = np.where(near | np.isnan(difference), 0.0, run + 1.0)
+    stops = run >= limits.disagree_samples
+    faults = [
+        Fault(
+            FaultCode.POSITION_DISAGREE,
+            int(j),
+            float(difference[j]),
+            float(limits.twist_limit[j]),
+            Action.CONTROLLED_STOP,
+        )
+        for j in np.flatnonzero(stops)
+    ]
+    return stops, run, faults
+
+
+@dataclass(frozen=True)
+class Redundancy:
+    """Memory of `redundancy`, arrays (n,): travel and integrals over it; `mean`, `ripple` of the last whole turn."""
+
+    angle: FloatArray
+    travel: FloatArray
+    sums: FloatArray
+    mean: FloatArray
+    ripple: FloatArray
+
+
+def first_redundancy(motor_shaft: FloatArray) -> Redundancy:
+    """Nothing observed yet: `mean` and `ripple` are not a number until the motor has made a turn."""
+    n = motor_shaft.size
+    nothing = np.full(n, np.nan)
+    return Redundancy(motor_shaft.copy(), np.zeros(n), np.zeros((3, n)), nothing, nothing.copy())
+
+
+def redundancy(
+    residual: FloatArray, motor_shaft: FloatArray, gauge_angle: FloatArray, memory: Redundancy, limits: SensorLimits
+) -> tuple[Redundancy, list[Fault]]:
+    """F09 and F10: `residual` (n,) N m = torque of the gauge minus torque of the twist, weighted by the motor's travel.
+
+    Over whole turns of the motor kinematic error and quantisation cancel in the mean; the 2 beta part reappears when a
+    branch of Hashimoto's bridge is open. At standstill nothing is observed, and nothing is called healthy.
+    """
+    step = np.abs(motor_shaft - memory.angle)
+    if not (np.isfinite(step).all() and np.isfinite(residual).all()):
+        return replace(first_redundancy(motor_shaft), mean=memory.mean, ripple=memory.ripple), []
+    weight = residual * step
+    twice = 2.0 * gauge_angle
+    sums = memory.sums + np.stack([weight, weight * np.cos(twice), weight * np.sin(twice)])
+    travel = memory.travel + step
+    whole = travel >= 2.0 * np.pi
+    if not whole.any():
+        return Redundancy(motor_shaft.copy(), travel, sums, memory.mean, memory.ripple), []
+    safe = np.where(whole, travel, 1.0)
+    mean = np.where(whole, sums[0] / safe, memory.mean)
+    ripple = np.where(whole, 2.0 * np.hypot(sums[1], sums[2]) / safe, memory.ripple)
+    faults = []
+    for code, values, bounds in (
+        (FaultCode.GAUGE_DRIFT, mean, limits.residual_limit),
+        (FaultCode.GAUGE_BRANCH, ripple, limits.ripple_limit),
+    ):
+        faults += [
+            Fault(code, int(j), float(values[j]), float(bounds[j]), Action.CONTROLLED_STOP)
+            for j in np.flatnonzero(whole & ~(np.abs(values) <= bounds))
+        ]
+    kept = np.where(whole, 0.0, sums)
+    return Redundancy(motor_shaft.copy(), np.where(whole, 0.0, travel), kept, mean, ripple), faults
