@@ -26,7 +26,7 @@ import numpy as np
 
 from hd_control.core.errors import HdError
 from hd_control.nodes.children import Children, child_environment
-from hd_control.nodes.process import stop_on_signals
+from hd_control.nodes.process import prepare_environment, stop_on_signals
 from hd_control.nodes.real_time import request_real_time, sleep_until
 from hd_control.nodes.run_plan import FOUR, RunPlan
 from hd_control.nodes.session import Session, log_folder
@@ -127,6 +127,7 @@ class _Ring:
         import rclpy
         from rclpy.signals import SignalHandlerOptions
 
+        prepare_environment()
         request_real_time()
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self.node = rclpy.create_node(f"ring_{role}")

@@ -23,6 +23,7 @@ from trajectory_msgs.msg import JointTrajectory
 from hd_control.control.trajectory import Goal
 from hd_control.core.errors import HdError
 from hd_control.nodes.convert import message_from_goal
+from hd_control.nodes.process import prepare_environment
 from hd_control.nodes.ros_loop import chain_qos, latched_qos
 
 TRANSITIONS = {
@@ -38,6 +39,7 @@ class SessionClient:
     """Service clients and subscriptions, served by a thread of their own."""
 
     def __init__(self, namespace: str, domain: int | None) -> None:
+        prepare_environment()
         self._context = rclpy.Context()
         rclpy.init(args=[], context=self._context, domain_id=domain)
         name = f"session_{next(_NUMBERS)}"

@@ -37,6 +37,7 @@ def find_gaps(stamps_ns: IntArray, streams: Sequence[Any], period_ns: int) -> li
     found = []
     for stream in streams:
         stamps = stamps_ns[stream]
-        steps = (2 * np.diff(stamps) + period_ns) // (2 * period_ns)
-        found += [Gap(int(stamps[i]), int(stamps[i + 1]), int(steps[i]) - 1) for i in np.flatnonzero(steps > 1)]
+        for i in np.flatnonzero(np.diff(stamps) >= (3 * period_ns + 1) // 2):  # nearest number of periods: 2 or more
+            start, end = int(stamps[i]), int(stamps[i + 1])
+            found.append(Gap(start, end, (2 * (end - start) + period_ns) // (2 * period_ns) - 1))
     return sorted(found, key=lambda gap: gap.from_ns)
