@@ -48,7 +48,8 @@ class Robot:
         name = name_or_path if name_or_path.endswith((".urdf", ".xml")) else f"{name_or_path}.urdf"
         path = find_config(name, "robots")
         try:
-            text = path.read_text(encoding="utf-8")
+            with path.open("rb") as file:
+                text = file.read(MAX_BYTES + 1).decode("utf-8")
         except (OSError, UnicodeDecodeError) as error:
             raise RobotError(f"{path}: cannot read ({error})") from None
         return cls.from_urdf(text, str(path))
@@ -69,7 +70,7 @@ class Robot:
         mass = np.array([inertia.mass for inertia in inertias])
         if not np.all(mass > 0.0):
             raise RobotError(f"{where}: link of {model.names[1 + int(np.argmin(mass))]} has no mass; add <inertial>")
-        return cls(
+        robot = cls(
             name=str(model.name),
             joint_names=tuple(model.names[1:]),
             rotation=np.array([b.T @ p.rotation @ t for b, p, t in zip(before, placements, turns, strict=True)]),
@@ -83,6 +84,8 @@ class Robot:
             effort_limit=np.array(model.upperEffortLimit),
             urdf=text,
         )
+        _refuse_impossible(robot, where)
+        return robot
 
     @property
     def joints(self) -> int:
@@ -114,6 +117,28 @@ def _refuse_hostile(text: str, where: str) -> None:
         raise RobotError(f"{where}: URDF larger than {MAX_BYTES} bytes")
     if re.search(r"<!\s*(DOCTYPE|ENTITY)", text, re.IGNORECASE):
         raise RobotError(f"{where}: URDF with DOCTYPE or ENTITY is refused; remove the declaration")
+
+
+def _refuse_impossible(robot: Robot, where: str) -> None:
+    """Every number that the laws calculate with is finite, every range has a lower end below its upper one."""
+    for what in ("rotation", "origin", "mass", "center_of_mass", "inertia"):
+        values = getattr(robot, what)
+        bad = ~np.isfinite(values).reshape(robot.joints, -1).all(axis=1)
+        if bad.any():
+            name = robot.joint_names[int(np.argmax(bad))]
+            raise RobotError(f"{where}: {what.replace('_', ' ')} at {name} is not finite; give plain numbers")
+    for low, high, what in (
+        (robot.position_low, robot.position_high, "position range"),
+        (np.zeros(robot.joints), robot.velocity_limit, "velocity limit"),
+        (np.zeros(robot.joints), robot.effort_limit, "effort limit"),
+    ):
+        good = low <= high
+        if not good.all():
+            worst = int(np.argmin(good))
+            raise RobotError(
+                f"{where}: {what} of {robot.joint_names[worst]} is {low[worst]:g} … {high[worst]:g}; "
+                "the upper end must not be below the lower one"
+            )
 
 
 def _pinocchio_model(text: str, where: str) -> Any:

@@ -16,6 +16,8 @@ from typing import Any
 from hd_control.core.errors import ConfigError
 
 MAX_BYTES, MAX_DEPTH, MAX_NODES = 1_000_000, 20, 50_000
+MAX_DIGITS = 19
+"""Of a whole number, sign included: each one fits into 64 bits and is a finite double."""
 
 _INTEGER = re.compile(r"[-+]?(0|[1-9][0-9]*)$")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?$")
@@ -125,6 +127,8 @@ class _Composer:
         if text in ("false", "False", "FALSE"):
             return False
         if _INTEGER.match(text):
+            if len(text) > MAX_DIGITS:
+                self.refuse(event, f"a whole number of {len(text)} digits is not meant; write it as 1e20", key)
             return int(text)
         if _AMBIGUOUS.match(text):
             self.refuse(event, f"{text} is ambiguous; write a plain number, true/false, or quote it", key)
