@@ -10,24 +10,19 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from hd_control.control import motion, torque
 from hd_control.control.goal_check import GoalLimits, check_goal
 from hd_control.control.trajectory import Goal
 from hd_control.core.errors import ConfigError
 from hd_control.core.parameters import ParameterSet
-from hd_control.sensing import fusion
 from hd_control.stages import topics
-from hd_control.stages.fusion_stage import FusionStage
+from hd_control.stages.chain_stages import LAWS, chain_stages
 from hd_control.stages.gate_values import safety_limits
-from hd_control.stages.motion_stage import MotionStage
 from hd_control.stages.node_parameters import shipped_values
-from hd_control.stages.stage import Bus, Stage
-from hd_control.stages.torque_stage import TorqueStage
+from hd_control.stages.stage import Bus
 from hd_sim.plant_config import PlantConfig
 from hd_sim.scenario import Plan
 from hd_sim.world import World, sensor_arrays
 
-LAWS: Mapping[str, Any] = {"fusion_node": fusion, "motion_node": motion, "torque_node": torque}
 TEMPERATURE_PERIOD = 0.1
 """s between two messages of a joint's temperature."""
 
@@ -68,17 +63,9 @@ class Runner:
         limits = safety_limits(str(setup.values.get("limits", {}).get("file", "limits.yaml")), names, dt)
         self.robot, self.period, self.tick = robot, dt, 0
         self.world = World(setup.config, limits, setup.seed)
-        self.fusion = FusionStage(robot, dt, limits)
-        self.motion = MotionStage(robot, dt, values["motion_node"]["goal_blend_time"])
-        self.torque = TorqueStage(robot, dt, names, limits)
-        self.stages: list[tuple[str, Stage]] = [
-            ("fusion_node", self.fusion),
-            ("motion_node", self.motion),
-            ("torque_node", self.torque),
-        ]
-        for node, stage in self.stages:
-            stage.adopt(stage.prepare(values[node]))
-            stage.start()
+        chain = chain_stages(robot, dt, values, limits)
+        self.fusion, self.motion, self.torque = chain.fusion, chain.motion, chain.torque
+        self.stages = chain.by_node()
         self.goal_limits = GoalLimits.from_values(values["motion_node"], robot)
         self._temperature_ticks = max(1, round(TEMPERATURE_PERIOD / dt))
 

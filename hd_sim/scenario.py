@@ -136,7 +136,7 @@ def make_plan(
         return Plan((), ticks, motion.window)
     goal = Goal(
         joint_names=tuple(joint_names),
-        times=np.round((motion.times - motion.times[0]) * 1e9) * 1e-9,  # whole nanoseconds, as in a message
+        times=np.round((motion.times - motion.times[0]) * 1e9) / 1e9,  # whole nanoseconds, as a message gives them
         positions=motion.positions,
         velocities=motion.velocities,
         accelerations=motion.accelerations,

@@ -104,13 +104,14 @@ def _applied(arguments: argparse.Namespace, values: Mapping[str, Any]) -> Applie
 
 def read_params(sources: list[Path]) -> dict[str, tuple[Path, dict[str, Any]]]:
     """File and complete values by node; what a file leaves out is as shipped. Raises ConfigError."""
+    from hd_control.cli._params import node_of
     from hd_control.control.apply_model import PARAMETERS
     from hd_control.core.errors import ConfigError
     from hd_control.stages.node_parameters import COMMON, for_joints, shipped_values
 
     found: dict[str, tuple[Path, dict[str, Any]]] = {}
     for source in sources:
-        node, own = node_of(source)
+        node, own = node_of(source, PARAMETERS)
         about = PARAMETERS[node]
         if node in found:
             raise ConfigError(f"{source}: parameters of {node}, as is {found[node][0]}; give each node once")
@@ -120,31 +121,6 @@ def read_params(sources: list[Path]) -> dict[str, tuple[Path, dict[str, Any]]]:
         about.check({**shipped, **own}, len(own.get("joint_names", shipped["joint_names"])), str(source))
         found[node] = (source, {**shipped, **own})
     return found
-
-
-def node_of(source: Path) -> tuple[str, dict[str, Any]]:
-    """The node whose parameters a file holds, with them. Raises ConfigError if it is neither or both."""
-    from hd_control.control.apply_model import PARAMETERS
-    from hd_control.core.errors import ConfigError
-    from hd_control.core.strict_yaml import load_params_file
-
-    hits = {}
-    for node, about in PARAMETERS.items():
-        try:
-            values = load_params_file(source, node)
-        except ConfigError:
-            continue
-        others = {name for other, them in PARAMETERS.items() if other != node for name in them.names}
-        if any(name in about.names and name not in others for name in values):
-            hits[node] = values
-    named = [node for node in hits if node in source.stem]
-    if len(hits) > 1 and len(named) == 1:
-        return named[0], hits[named[0]]
-    if len(hits) != 1:
-        load_params_file(source, next(iter(hits or PARAMETERS)))
-        what = "of more than one node" if hits else "of no node that a model improves"
-        raise ConfigError(f"{source}: parameters {what}; expected those of {' or '.join(PARAMETERS)}")
-    return next(iter(hits.items()))
 
 
 def ambiguous_names(path: str) -> dict[str, dict[str, list[str]]]:

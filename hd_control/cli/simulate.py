@@ -172,7 +172,7 @@ def parameter_values(texts: list[str]) -> dict[str, dict[str, Any]]:
     """`NODE.PARAM=VALUE` as values by node. Raises ConfigError."""
     from hd_control.core.errors import ConfigError
     from hd_control.core.strict_yaml import parse_yaml
-    from hd_sim.runner import LAWS
+    from hd_control.stages.chain_stages import LAWS
 
     found: dict[str, dict[str, Any]] = {}
     for text in texts:

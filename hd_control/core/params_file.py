@@ -48,3 +48,9 @@ def with_changes(text: str, changes: Mapping[str, Any], remark: str, where: str 
         )
     parse_yaml(written, where)
     return written
+
+
+def params_text(values: Mapping[str, Any]) -> str:
+    """A params file of one node, for every node that reads it."""
+    lines = [f"    {name}: {yaml_value(value)}" for name, value in values.items()]
+    return "/**:\n  ros__parameters:\n" + "\n".join(lines) + "\n"

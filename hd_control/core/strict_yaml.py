@@ -165,7 +165,11 @@ def load_params_file(path: str | Path, node: str) -> dict[str, Any]:
 
     Raises ConfigError if the file is no params file or has no section for the node.
     """
-    document = load_yaml(path)
+    return params_of(load_yaml(path), str(path), node)
+
+
+def params_of(document: Any, path: str, node: str) -> dict[str, Any]:
+    """As `load_params_file`, from a document that is read already; `path` for the messages."""
     if not isinstance(document, Mapping):
         raise ConfigError(f"{path}: not a params file; expected '/**:' with 'ros__parameters:' below it")
     found: dict[str, Any] = {}

@@ -68,7 +68,7 @@ def test_nothing_to_apply_is_a_no(tmp_path, capsys):
         ([], "give -o FILE"),
         (["-o", "{tmp}/x", "--live"], "give -o FILE"),
         (["-o", "{tmp}/none/x"], "does not exist"),
-        (["-o", "{tmp}/x", "--params", "nodes.yaml"], "no node that a model improves"),
+        (["-o", "{tmp}/x", "--params", "nodes.yaml"], "no node that counts here"),
         (["-o", "{tmp}/x", "--params", "{tmp}/better.yaml"], "not a params file|no section"),
         (["-o", "{tmp}/x", "--params", "torque_node.yaml", "--params", "torque_node.yaml"], "give each node once"),
         (["-o", "{tmp}/x", "--joint", "joint_1"], "joint_1: the model has joint_3"),
