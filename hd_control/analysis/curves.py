@@ -122,9 +122,8 @@ def _motor_curves(s: DriveStates, time_too: bool) -> list[Curve]:
         found += _make(MOTOR, s, "joint_torque", load, quantile_knots(load, 7), "with speed")
         found += [_orders(MOTOR, s, "with torque")] if _turned(s) else []
     if time_too:
-        knots = even_knots(s.time, 12)
-        for kind in ("plain", "with direction", "with speed"):
-            found += _make(MOTOR, s, "time", s.time, knots, kind)
+        for kind, count in (("plain", 12), ("with direction", 24), ("with speed", 12)):
+            found += _make(MOTOR, s, "time", s.time, even_knots(s.time, count), kind)
     if _usable(s.temperature, 1.0):
         knots = even_knots(s.temperature, 6)
         for kind in ("plain", "with direction"):
@@ -141,7 +140,7 @@ def _transmission_curves(s: DriveStates, time_too: bool) -> list[Curve]:
     if _usable(s.joint_torque, 1e-6):
         found += _make(TRANSMISSION, s, "joint_torque", s.joint_torque, quantile_knots(s.joint_torque, 15))
     if _usable(s.joint_position, 0.02):
-        found += _make(TRANSMISSION, s, "joint_position", s.joint_position, even_knots(s.joint_position, 72))
+        found += _make(TRANSMISSION, s, "joint_position", s.joint_position, even_knots(s.joint_position, 120))
     if time_too:
         found += _make(TRANSMISSION, s, "time", s.time, even_knots(s.time, 12))
     if _usable(s.motor_velocity, 1e-3):

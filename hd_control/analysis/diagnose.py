@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from hd_control.analysis.channels import JointEquations
-from hd_control.analysis.confidence import confidence
+from hd_control.analysis.confidence import LEAST, confidence
 from hd_control.analysis.dictionary import Dictionary
 from hd_control.analysis.fit import Fit, RawRows
 from hd_control.analysis.gates import Coverage, Lack, coverage, lacks, unsupported
@@ -190,9 +190,10 @@ def _named(
 
 
 def _sure(effects: tuple[NamedEffect, ...], unknown: bool) -> tuple[NamedEffect, ...]:
-    """The effects with their probabilities."""
+    """The effects with their probabilities, without those that are more likely wrong than right."""
     strongest = max((effect.gain for effect in effects), default=0.0)
-    return tuple(replace(e, confidence=confidence(e.gain, strongest, unknown)) for e in effects)
+    said = tuple(replace(e, confidence=confidence(e.gain, strongest, unknown)) for e in effects)
+    return tuple(effect for effect in said if effect.confidence >= LEAST)
 
 
 def _near_reversals(task: Task, fit: Fit, blocked: set[str]) -> tuple[NamedEffect, ...]:

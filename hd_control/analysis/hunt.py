@@ -145,9 +145,11 @@ class Chase:
         return bool(blind)
 
     def laws_for_curves(self, selection: Selection) -> list[str]:
-        """Effects whose law leaves rows out and that could stand where a curve was selected."""
+        """Effects whose law leaves rows out and that could stand where a curve or one of their family was selected."""
         states, left = self.dictionary.equations.states, {n for g in selection if g.is_curve for n in g.channels}
         names = {group.name for group in selection}
+        families = {g.effect.family for g in selection if g.effect is not None and g.effect.family}
+        left |= {n for g in selection if g.effect is not None and g.effect.family in families for n in g.channels}
         found = [
             group.name
             for group in self.dictionary.groups
@@ -158,12 +160,15 @@ class Chase:
         return list(dict.fromkeys(found))
 
     def try_law(self, name: str, selection: Selection) -> Selection:
-        """Searches again without the rows that a law leaves out; the new selection if it needs fewer curves."""
+        """Searches again without the rows that a law leaves out. The new selection if the law takes the place of a curve
+        or of another law, else the old one."""
         before = self.dictionary, self.scores, self.search
         shapes = tuple(group for group in self.dictionary.groups if group.name == name)
-        self.leave_blind_rows(shapes[-1:])
+        self.leave_blind_rows(shapes[:1])
         again = self.search.run()
-        if name in {g.name for g in again} and sum(g.is_curve for g in again) < sum(g.is_curve for g in selection):
+        curves = [sum(g.is_curve for g in found) for found in (again, selection)]
+        gone = {g.name for g in selection} - {g.name for g in again}
+        if name in {g.name for g in again} and (curves[0] < curves[1] or curves[0] == curves[1] and gone):
             return again
         self.dictionary, self.scores, self.search = before
         return selection

@@ -172,13 +172,16 @@ def _rung(
 
 
 def _held_out_floor(name: str, train: JointComparison, held: JointComparison) -> float:
-    """Noise of a channel in the held-out recording: that of the longer recording, at the speeds of the held-out one."""
-    if name not in train.channels or train.channels[name].used.sum() < held.channels[name].used.sum():
+    """Noise of a channel in the held-out recording, and not less than in the longer one at the same speeds: a short
+    recording is fitted too well by the many columns that the noise is estimated with."""
+    channel = held.dictionary.equations.channels[name]
+    twin = train.dictionary.equations.channels.get(name)
+    if twin is None or twin.band != channel.band or twin.fitted.sum() < channel.fitted.sum():
         return held.channels[name].noise_floor
-    noise, channel = train.noises[name], held.dictionary.equations.channels[name]
+    noise = train.noises[name]
     velocity = held.dictionary.equations.states.motor_velocity[:: channel.band.step]
     level = noise.level(velocity[channel.fitted])
-    return noise.deviation * float(np.sqrt(np.mean(level**2)))
+    return max(held.channels[name].noise_floor, noise.deviation * float(np.sqrt(np.mean(level**2))))
 
 
 def _with(model: Model, joint: str, fitted: FittedJoint) -> Model:

@@ -34,6 +34,7 @@ class Thresholds:
     effect_penalty: float = 15.0
     ghost: float = 1e-4
     relative: float = 0.1
+    beside_curve: float = 0.3
     curve_relative: float = 0.005
     """A curve must explain this share more than laws do: no law is exact, and a curve fits what it leaves."""
 
@@ -215,7 +216,8 @@ class Search:
             if g is h or not set(g.channels) & set(h.channels) or g.is_curve:
                 return False
             family = bool(g.effect and h.effect and g.effect.family and g.effect.family == h.effect.family)
-            share = self.thresholds.relative if h.is_curve or family else self.thresholds.ghost
+            limits = self.thresholds
+            share = limits.beside_curve if h.is_curve else limits.relative if family else limits.ghost
             return gains[id(g)] <= share * gains[id(h)]
 
         strong = tuple(g for g in selection if not any(ghost(g, h) for h in selection))

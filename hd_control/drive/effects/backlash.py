@@ -27,6 +27,8 @@ from hd_control.drive.effect import (
 
 CROSSING = 2.5
 """Crossing torques beyond which the gear has left the gap."""
+LANDING_S = 0.015
+"""s before and after, in which the gear falls through the gap and lands."""
 
 
 @final
@@ -76,4 +78,8 @@ class Backlash(Effect):
     @classmethod
     def blind(cls, states: DriveStates, shape: Shape) -> dict[str, BoolArray]:
         """Inside the gap the torque does not tell where the gear lies."""
-        return {TRANSMISSION: np.abs(states.elastic_torque) < CROSSING * float(shape["crossing_torque"])}
+        inside = np.abs(states.elastic_torque) < CROSSING * float(shape["crossing_torque"])
+        count = np.concatenate([[0], np.cumsum(inside)])
+        margin, index = round(LANDING_S / states.period), np.arange(inside.size)
+        low, high = np.maximum(index - margin, 0), np.minimum(index + margin + 1, inside.size)
+        return {TRANSMISSION: np.asarray(count[high] > count[low])}
