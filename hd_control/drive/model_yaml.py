@@ -124,7 +124,11 @@ def _effect(name: str, values: Mapping[str, Any], at: str, expression: Expressio
     expect_keys(values, at, (), list(known))
     bare = at.partition(" (line ")[0]
     found = {key: _value(value, known[key], _place(bare, values, key)) for key, value in values.items()}
-    if missing := _missing(effect, found):
+    try:
+        missing = _missing(effect, found)
+    except ArithmeticError as error:
+        raise ConfigError(f"{at}: the values cannot be calculated with ({error}); is one of them 0?") from None
+    if missing:
         raise ConfigError(f"{at}: missing {', '.join(missing)}")
     return found
 

@@ -27,13 +27,7 @@ signals:
   motor_shaft_position: {columns: "q_{joint}", unit: deg, wrap: 360}
   motor_torque: {columns: {joint_1: u_j1, joint_2: u_j2}, unit: Nm, sign: -1}
 """
-FORMULAS = [
-    "a * sin(2 * q) + b",
-    "c * tanh(v / s)",
-    "-((a + b) ** 2) / (1 + abs(v))",
-    "1e-3 * q",
-    "max(a, b) - min(a, 0)",
-]
+FORMULAS = ["a * sin(2 * q) + b", "c * tanh(v / s)", "-((a + b) ** 2) / (1 + abs(v))", "max(a, b) - min(a, 0)"]
 
 
 @dataclass(frozen=True)

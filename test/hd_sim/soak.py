@@ -1,0 +1,94 @@
+"""A long run of the whole robot in lock-step, back and forth for ever, recorded and counted."""
+
+from __future__ import annotations
+
+import gc
+import hashlib
+import os
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hd_control.control.trajectory import quintic_move
+from hd_control.record.reader import BagReader
+from hd_control.record.recorder import Recorder
+from hd_control.record.schema import joint_state_codec
+from hd_control.record.writer import BagWriter
+from hd_sim.plant_config import PlantConfig
+from hd_sim.runner import Runner, RunSetup
+
+MOVE_TICKS = 4000
+AMPLITUDE, SPEED = 0.25, 0.4  # rad, rad/s
+DRAIN_TICKS = 10
+LOOKS = 100
+TOPIC, RUN = "motor_torque_command", "0123456789abcdef"
+TICK_NS = 1_000_000
+
+
+@dataclass(frozen=True)
+class Soak:
+    """What one run gave: hash of every number of every topic, samples in the bag, memory over the ticks."""
+
+    sha256: str
+    recorded: int
+    problems: int
+    blocks_per_tick: float
+    bytes_per_hour: float
+    seconds: float
+
+
+def resident_bytes() -> int:
+    """Memory of this process that is in use."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def soak(bag: Path, ticks: int, seed: int, tell: Callable[[int], None] = lambda tick: None) -> Soak:
+    """Runs and records `ticks` ticks of arm_a; memory is looked at `LOOKS` times, fitted behind the first tenth."""
+    runner = Runner(RunSetup(PlantConfig.from_file("arm_a"), seed))
+    home = runner.world.seam.plant.config.start_position
+    names = runner.robot.joint_names
+    recorder, codec = Recorder(BagWriter(bag, compact=False)), joint_state_codec(TOPIC, names)
+    recorder.add_topic(TOPIC)
+    digest, marks = hashlib.sha256(), np.zeros((LOOKS, 3))  # made before, so that looking does not grow
+    ends = [home + AMPLITUDE, home]
+    start = time.monotonic()
+    for tick in range(ticks):
+        if tick % MOVE_TICKS == 1:
+            here, there = ends[tick // MOVE_TICKS % 2 - 1], ends[tick // MOVE_TICKS % 2]
+            runner.offer(quintic_move(names, here, there, SPEED, f"move {tick}"))
+        bus = runner.step()
+        for topic in sorted(bus):
+            for field in sorted(bus[topic]):
+                digest.update(np.ascontiguousarray(bus[topic][field]).tobytes())
+        recorder.offer(TOPIC, tick * TICK_NS, codec.encode(tick * TICK_NS, RUN, effort=bus[TOPIC]["effort"]))
+        if tick % DRAIN_TICKS == 0:
+            recorder.tend(tick * TICK_NS)
+        look, rest = divmod(tick, ticks // LOOKS)
+        if rest == 0 and look < LOOKS:
+            gc.collect()
+            marks[look] = tick, sys.getallocatedblocks(), resident_bytes()
+            tell(tick)
+    assert recorder.close() == ""
+    at, blocks, resident = marks[LOOKS // 10 :].T
+    recorded, problems = _read_back(bag)
+    return Soak(
+        digest.hexdigest(),
+        recorded,
+        problems,
+        float(np.polyfit(at, blocks, 1)[0]),
+        float(np.polyfit(at, resident, 1)[0]) * 3_600_000,
+        time.monotonic() - start,
+    )
+
+
+def _read_back(bag: Path) -> tuple[int, int]:
+    """Samples in the bag, and how many are missing, doubled, out of order or dropped."""
+    reader = BagReader(bag)
+    stamps = np.concatenate([columns.stamps_ns for columns in reader.column_blocks(TOPIC)])
+    account = reader.accounting[f"/{TOPIC}"]
+    wrong = int((np.diff(stamps) != TICK_NS).sum()) + sum(account["drops"].values()) + len(reader.damage)
+    return len(stamps), wrong - sum(not problem.loses_data for problem in reader.damage)
