@@ -160,8 +160,10 @@ class Chase:
         return list(dict.fromkeys(found))
 
     def try_law(self, name: str, selection: Selection) -> Selection:
-        """Searches again without the rows that a law leaves out. The new selection if the law takes the place of a curve
-        or of another law, else the old one."""
+        """Searches again without the rows that a law leaves out.
+
+        Returns the new selection if the law takes the place of a curve or of another law, else the old one.
+        """
         before = self.dictionary, self.scores, self.search
         shapes = tuple(group for group in self.dictionary.groups if group.name == name)
         self.leave_blind_rows(shapes[:1])
