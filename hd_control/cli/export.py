@@ -1,4 +1,4 @@
-"""`hd export BAG -o FILE`: the signals of a recording as CSV or NPZ, or the residuals of a model as a bag of series."""
+"""`hd export BAG -o FILE`: signals of a recording as CSV or NPZ, residuals of a model as a bag, a model as MJCF."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ if TYPE_CHECKING:
     from hd_control.analysis.signals import Recording
 
 NAME = "export"
-HELP = "a recording's signals as CSV or NPZ; a model's residuals as topics for plotting tools"
+HELP = "a recording's signals as CSV or NPZ; a model's residuals as topics; a model for MuJoCo"
 EXAMPLE = """hd export bags/run1 -o run1.csv --joint joint_3
-  hd export bags/run1 --residuals arm_a.yaml -o bags/run1_residuals"""
+  hd export bags/run1 --residuals arm_a.yaml -o bags/run1_residuals
+  hd export better.yaml -o better.xml"""
 PARTLY_READ = 3
 SCHEMA = "hd.export/1"
 TABLES = (".csv", ".npz")
@@ -20,10 +21,11 @@ TABLES = (".csv", ".npz")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of the command."""
-    parser.add_argument("bag", metavar="BAG", help="bag folder, .mcap or .db3 file")
+    parser.add_argument("bag", metavar="BAG", help="bag folder, .mcap or .db3 file; a model for .xml")
     parser.add_argument(
-        "-o", "--output", metavar="FILE", required=True, help=".csv or .npz file; a bag for --residuals"
+        "-o", "--output", metavar="FILE", required=True, help=".csv or .npz file; a bag for --residuals; .xml: MJCF"
     )
+    parser.add_argument("--rigid", action="store_true", help="MJCF without torsion: one hinge per joint")
     parser.add_argument("--residuals", metavar="MODEL", help="write this model's residual channels as a bag")
     parser.add_argument("--joint", metavar="NAME", action="append", help="only this joint; repeatable")
     parser.add_argument("--map", metavar="FILE", help="mapping of a foreign bag's topics, joints, units")
@@ -38,8 +40,12 @@ def run(arguments: argparse.Namespace) -> int:
     from hd_control.cli.options import refuse_overwrite, say, write_json
 
     output = Path(arguments.output)
+    if output.suffix.lower() == ".xml":
+        return _mjcf(arguments, output)
     if not arguments.residuals and output.suffix.lower() not in TABLES:
-        raise UsageError(f"export: {output}: the name must end in .csv or .npz, or give --residuals MODEL for a bag")
+        raise UsageError(
+            f"export: {output}: the name must end in .csv, .npz or .xml, or give --residuals MODEL for a bag"
+        )
     refuse_overwrite(output, arguments.force)
     recording = read_recording(
         arguments.bag, arguments.map, _joints_to_read(arguments), arguments.start, arguments.seconds
@@ -59,6 +65,27 @@ def run(arguments: argparse.Namespace) -> int:
     }
     write_json(arguments, document)
     return PARTLY_READ if recording.problems else 0
+
+
+def _mjcf(arguments: argparse.Namespace, output: Path) -> int:
+    """Writes a model for MuJoCo and says what it leaves out."""
+    from hd_control.cli.options import refuse_overwrite, say, write_json
+    from hd_control.drive.mjcf import left_out, mjcf_text
+    from hd_control.drive.model_yaml import load_model
+    from hd_control.record.whole_output import whole_file
+
+    refuse_overwrite(output, arguments.force)
+    model = load_model(arguments.bag)
+    text = mjcf_text(model, output.stem, arguments.rigid, arguments.joint or ())
+    with whole_file(output) as place:
+        place.write_text(text, encoding="utf-8")
+    joints = {name: left_out(model.joint(name)) for name in arguments.joint or model.joints}
+    say(arguments, f"{output}: {', '.join(joints)}")
+    for name, words in joints.items():
+        if words:
+            say(arguments, f"  ! {name}: MuJoCo has no {', '.join(words)}")
+    write_json(arguments, {"schema": SCHEMA, "model": arguments.bag, "files": [str(output)], "left_out": joints})
+    return 0
 
 
 def _joints_to_read(arguments: argparse.Namespace) -> list[str] | None:

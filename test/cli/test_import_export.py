@@ -218,7 +218,7 @@ def test_a_foreign_table_without_a_mapping_says_so(tmp_path: Path, capsys) -> No
 
 def test_an_export_needs_an_ending_it_knows(tmp_path: Path, capsys) -> None:
     assert hd("export", tmp_path / "bag", "-o", tmp_path / "out.mat") == 2
-    assert "must end in .csv or .npz" in capsys.readouterr().err
+    assert "must end in .csv, .npz or .xml" in capsys.readouterr().err
 
 
 def comparisons() -> dict[str, dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]]:
