@@ -23,6 +23,8 @@ DEGRADE_GROWTH, STOP_GROWTH = 2.0, 4.0
 SMALLEST_ERROR = 0.01
 """rad; a smaller tracking error is no reason to act, however it grew."""
 ERROR_SAMPLES = 10.0
+FORGIVEN = 0.1
+"""Share of a lost tick that each tick that comes makes good."""
 _FIELDS = (
     ("error", 1, "rad", "mean tracking error over about 10 looks"),
     ("time_at_bound", 1, "s", "since an estimate of the joint is at its bound"),
@@ -40,16 +42,21 @@ def initial(joints: int) -> Block:
     return _layout(joints).zeros()
 
 
-def lost_ticks(gap: int, limits: SafetyLimits) -> list[Fault]:
-    """What `gap` lost ticks in a row demand: report, degrade, stop."""
+def lost_ticks(gap: int, level: float, limits: SafetyLimits) -> tuple[float, list[Fault]]:
+    """What `gap` lost ticks before this one demand: report, degrade, stop. Returns the new level and faults.
+
+    `level` is what was lost and is not forgiven yet; every tick that comes forgives a tenth. So ten lost in a row stop
+    the robot, and so does every second one lost for 25 ticks: the laws count on their period.
+    """
     if gap <= 0:
-        return []
+        return (level - FORGIVEN if level > FORGIVEN else 0.0), []
+    level = level - FORGIVEN + gap if level > FORGIVEN else float(gap)
     action, bound = Action.REPORT, 1.0
-    if gap >= limits.gate.age_limit:
+    if level >= limits.gate.age_limit:
         action, bound = Action.CONTROLLED_STOP, float(limits.gate.age_limit)
     elif gap >= limits.guard.degrade_gap_samples:
         action, bound = Action.DEGRADE, float(limits.guard.degrade_gap_samples)
-    return [Fault(FaultCode.FRAME_LOST, -1, float(gap), bound, action)]
+    return level, [Fault(FaultCode.FRAME_LOST, -1, level, bound, action)]
 
 
 def watch(

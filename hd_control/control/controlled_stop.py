@@ -16,8 +16,9 @@ import numpy as np
 from hd_control.core.blocks import Block, FloatArray, Layout, layout_of
 
 MEAN_SAMPLES = 50.0
-SPEED_MARGIN = 0.05
-"""rad/s; a joint that becomes faster than at the begin of the stop by more than this has left the stop."""
+SPEED_MARGIN = 0.3
+"""rad/s; a joint that becomes faster than at the begin of the stop by more than this has left the stop. The filter of
+the velocity lags by 5 ms, in which a wrong torque near the limit adds as much."""
 _FIELDS = (
     ("elapsed", 0, "samples", "samples since the stop began"),
     ("hold_torque", 1, "N m", "mean torque before the stop"),

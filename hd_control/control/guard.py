@@ -138,8 +138,10 @@ class Guard:
     def reset(self, reasons: Sequence[str] = ()) -> list[str]:
         """Ends a latched stop if all is healthy, still and none of the caller's `reasons` speaks against it.
 
-        Returns the reasons of a refusal.
+        Returns the reasons of a refusal; none if there is nothing to end.
         """
+        if not self.stopped:
+            return []
         trial = self.gate.copy()
         trial.healthy_samples = float(self.healthy)
         if self.controlled:

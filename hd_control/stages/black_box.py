@@ -14,7 +14,7 @@ class BlackBox:
 
     def __init__(self, before: int, after: int) -> None:
         self._rows: FloatArray | None = None
-        self._size, self._after = before + after, after
+        self._size, self._after = before + 1 + after, after
         self._next = self._count = 0
         self._left = -1
 

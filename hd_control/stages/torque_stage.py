@@ -36,7 +36,8 @@ class TorqueStage(Stage):
         self.guard = Guard(limits, robot.position_low[rows], robot.position_high[rows], dt)
         names = ("motor_position", "motor_velocity", "joint_position", "joint_velocity")
         self._measured = [(self.guard.measured.view(name), self.sample.view(name)) for name in names]
-        self.degraded_samples = 0
+        self._used_sample = self.sample.array[: self.sample.layout.slices["motor_torque"].start]
+        self.degraded_samples, self._lost = 0, 0.0
         self.adaptation = adaptation.initial(joints)
         self.black_box = BlackBox(round(2.0 / dt), round(1.0 / dt))
         self.ages, self.ticks, self.allowed = np.zeros(joints), np.zeros(joints), np.zeros(joints)
@@ -91,11 +92,11 @@ class TorqueStage(Stage):
         try:
             self._advance_law()
             assert self.output is not None
-            command = self.output.motor_torque
+            command = self._checked(self.output.motor_torque)
         except Exception as error:  # F33: the gate turns the missing command into a stop
             self.exception = self.exception or error
             command = self.stopped_command
-        if self.exception is not None:
+        if self.exception is not None and not self.guard.stopped:  # until it is latched; then the law may prove itself
             command = self.stopped_command
         self.tick = tick
         self.allowed = self.through_gate(tick, command, demands)
@@ -106,6 +107,15 @@ class TorqueStage(Stage):
         """The numbers of the reference."""
         assert self.reference is not None
         return self.reference.array
+
+    def _checked(self, command: FloatArray) -> FloatArray:
+        """The command; not a number for joints with an input that is not finite, which a law might clip."""
+        used, reference = self._used_sample, self.reference_array
+        if np.isfinite(used).all() and np.isfinite(reference).all():
+            return command
+        n = command.size
+        finite = np.isfinite(used.reshape(-1, n)).all(axis=0) & np.isfinite(reference.reshape(-1, n)).all(axis=0)
+        return np.where(finite, command, np.nan)
 
     def _advance_law(self) -> None:
         """The law's step; degraded, the estimates stay as they were, bit for bit."""
@@ -118,7 +128,8 @@ class TorqueStage(Stage):
 
     def _monitor(self, tick: int) -> list[Fault]:
         """Lost ticks and the adaptation; counts how long the robot stays degraded."""
-        found = adaptation.lost_ticks(tick - self.tick - 1 if self.tick >= 0 else 0, self.limits)
+        gap = tick - self.tick - 1 if self.tick >= 0 else 0
+        self._lost, found = adaptation.lost_ticks(gap, self._lost, self.limits)
         if tick % WATCH_TICKS == 0 and self.state is not None and self.state.layout.name == "TorqueState":
             assert self.params is not None
             self.adaptation, more = adaptation.watch(

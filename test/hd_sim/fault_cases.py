@@ -1,0 +1,84 @@
+"""Runs one case of the fault campaign and judges it; shrinks a case that fails."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from oracles.deadlines import deadline
+from oracles.unsafe_run import RunOracle
+
+from hd_control.core.resources import config_path
+from hd_control.core.strict_yaml import load_params_file
+from hd_sim.fault_injection import ARMED, make_runner, start_motion
+
+
+@dataclass
+class Verdict:
+    """What a run showed: problems as text, tick of the first stop (-1: none), top speed, was it a controlled stop."""
+
+    problems: list
+    stop_tick: int
+    fastest: float
+    detected: str
+
+
+def make_oracle(runner):
+    """The oracle with the numbers of the limits file, taken by joint name."""
+    values = load_params_file(config_path("limits.yaml"), "limits")
+    rows = [values["joint_names"].index(name) for name in runner.robot.joint_names]
+    torque, rate, deceleration = (
+        np.array(values[name])[rows] for name in ("motor_torque_limit", "motor_torque_rate_limit", "stop_deceleration")
+    )
+    low, high = runner.robot.position_low, runner.robot.position_high
+    return RunOracle(torque, rate * runner.period, low, high, deceleration, values["age_limit_samples"])
+
+
+def run_case(case):
+    """The verdict of one case."""
+    runner = make_runner(case)
+    oracle, seam = make_oracle(runner), runner.world.seam
+    plant, stop_tick, detected = seam.plant, -1, ""
+    for tick in range(case.ticks):
+        if tick == ARMED:
+            start_motion(runner, case)
+        used = runner.used_tick
+        runner.step()
+        gravity = plant.gravity_torque(plant.true_joint_position)
+        oracle.look(
+            tick, runner.given, seam.armed, seam.stopped, seam.guard.controlled, used,
+            plant.true_joint_position, plant.true_joint_velocity, plant.state.motor_velocity, gravity,
+        )  # fmt: skip
+        if stop_tick < 0 and (seam.stopped or runner.torque.guard.stopped):
+            stop_tick = tick
+            first = runner.torque.faults.first_stop or runner.world.faults.first_stop
+            detected = first.code.name if first is not None else "?"
+    problems = [f"{letter} joint {joint} at tick {tick}" for tick, letter, joint in oracle.found[:5]]
+    for injection in case.injections:
+        limit = deadline(injection)
+        if limit is not None and not 0 <= stop_tick <= limit:
+            problems.append(f"no stop by tick {limit} ({injection.target} {injection.kind}), stopped at {stop_tick}")
+    return Verdict(problems, stop_tick, oracle.fastest, detected)
+
+
+def shrink(case):
+    """The smallest case near this one that still fails: fewer injections, then shorter ones."""
+    found = True
+    while found:
+        found = False
+        for smaller in _smaller(case):
+            if run_case(smaller).problems:
+                case, found = smaller, True
+                break
+    return case
+
+
+def _smaller(case):
+    if len(case.injections) > 1:
+        for k in range(len(case.injections)):
+            yield replace(case, injections=case.injections[:k] + case.injections[k + 1 :])
+    if case.distance != 0.0:
+        yield replace(case, distance=0.0)
+    for k, injection in enumerate(case.injections):
+        for length in (1, injection.length // 2):
+            if 0 < length < injection.length:
+                short = replace(injection, length=length)
+                yield replace(case, injections=case.injections[:k] + (short,) + case.injections[k + 1 :])
