@@ -83,6 +83,8 @@ class Parameter:
             return [f"{where}: {value!r} is not a number"]
         if self.kind is int and not isinstance(value, int):
             return [f"{where}: {value!r} is not a whole number"]
+        if isinstance(value, int) and abs(value) >= 1 << 63:
+            return [f"{where}: a whole number beyond 64 bits"]
         inside = self.low < value <= self.high if self.open_low else self.low <= value <= self.high
         if not (inside and math.isfinite(value)):
             return [f"{where}: {value:g} is outside {self.allowed}"]

@@ -86,8 +86,9 @@ def _topic(bag: BagReader, name: str, kept: dict[str, TopicScan]) -> dict[str, A
     }
     if not bag.counts[name] or not has_fixed_layout(bag.topics[name]):
         return row
-    scan, stamps, streams = scan_topic(bag, name)
-    kept.setdefault(name if known is None else known.name, scan)
+    plain = name if known is None else known.name
+    scan, stamps, streams = scan_topic(bag, name, (plain, "velocity") in SIGNALS["joint_velocity"])
+    kept.setdefault(plain, scan)
     row["rate"] = 1e9 / scan.step_ns if scan.step_ns else None
     period = _period_ns(known.period_ns if known else 0, int(scan.step_ns))
     if period and bag.topics[name] == JOINT_STATE:

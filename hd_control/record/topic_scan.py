@@ -47,7 +47,7 @@ class TopicScan:
         return found is not None and found.finite
 
     def add_values(self, columns: Columns, rows: int) -> None:
-        """The numbers of one block; `rows` is the length of the whole topic."""
+        """The numbers of one block; `rows` is the length of the whole topic, 0 if speeds are not wanted."""
         self.names = tuple(dict.fromkeys((*self.names, *columns.names)))
         for field_name, table in columns.values.items():
             lows = np.fmin.reduce(table, axis=0, initial=np.inf)
@@ -57,13 +57,13 @@ class TopicScan:
                 found = self.ranges.setdefault((field_name, joint), Range())
                 found.low, found.high = min(found.low, float(lows[k])), max(found.high, float(highs[k]))
                 found.finite = found.finite or bool(finite[k])
-                if field_name == "velocity":
+                if field_name == "velocity" and rows:
                     self.speeds.setdefault(joint, SpeedScan(rows)).add(table[:, k])
 
 
-def scan_topic(bag: BagReader, topic: str) -> tuple[TopicScan, IntArray, NDArray[np.int32] | None]:
+def scan_topic(bag: BagReader, topic: str, with_speeds: bool) -> tuple[TopicScan, IntArray, NDArray[np.int32] | None]:
     """(what it holds, stamps (n,), number of the stream of each message or None), of a topic with a fixed layout."""
-    scan, rows = TopicScan(topic), bag.counts[topic]
+    scan, rows = TopicScan(topic), bag.counts[topic] if with_speeds else 0
     stamps: list[IntArray] = []
     streams: list[NDArray[np.int32]] = []
     numbers: dict[bytes, int] = {}
