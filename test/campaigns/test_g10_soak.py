@@ -1,0 +1,38 @@
+"""Goal G10: an hour of the whole arm twice, 3.6 million ticks each: every sample there once, equal hashes, flat memory.
+
+hd test --long G10 -s          # HD_SOAK_SECONDS=86400 for a day, 600 for ten minutes
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from results import write_result
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "hd_sim"))
+from soak import soak
+
+SECONDS = int(os.environ.get("HD_SOAK_SECONDS", "3600"))
+MOST_GROWTH = 1 << 20
+"""Bytes per simulated hour, of an hour or more; a shorter run cannot tell a trend from the allocator's steps."""
+
+
+def test_g10_soak(tmp_path):
+    runs = []
+    for number in range(2):
+        bag = tmp_path / f"bag{number}"
+        runs.append(soak(bag, SECONDS * 1000, 3, lambda tick: print(f"{tick // 1000} s", end=" ", flush=True)))
+        print(f"\nG10 run {number}: {runs[-1]}")
+        for path in bag.iterdir():
+            path.unlink()
+    equal = runs[0].sha256 == runs[1].sha256
+    whole = all((run.recorded, run.problems) == (SECONDS * 1000, 0) for run in runs)
+    growth = max(run.bytes_per_hour for run in runs)
+    blocks = max(run.blocks_per_tick for run in runs)
+    passed = equal and whole and blocks < 0.005 and (growth < MOST_GROWTH or SECONDS < 3600)
+    hashes = "equal" if equal else "DIFFERENT"
+    words = f"2 x {SECONDS} s simulated: hashes {hashes}, {'0' if whole else 'SOME'} samples missing or doubled, "
+    write_result("G10", f"{words}memory {growth / 1e6:+.2f} MB/h", passed, seconds=SECONDS, blocks_per_tick=blocks)
+    assert passed
