@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -10,6 +11,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from hd_control.control.apply_model import Applied, Row
+    from hd_control.nodes.live_apply import LiveNodes
 
 NAME = "apply"
 HELP = "write what a model knows into the controllers' parameters: feed-forward, start values, gauge correction"
@@ -35,32 +37,52 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--period", metavar="S", type=float, default=1e-3, help="control period, s [0.001]")
     parser.add_argument("--live", action="store_true", help="set the parameters of running nodes; the model ramps in")
+    parser.add_argument(
+        "--watch",
+        metavar="S",
+        type=float,
+        default=0.0,
+        help="with --live: measure the tracking error S seconds before "
+        "and after, take the change back if it grew [off]",
+    )
     parser.add_argument("--namespace", metavar="NS", default="", help="namespace of the running nodes")
     parser.add_argument("--domain", metavar="N", type=int, help="ROS domain of the running nodes [the environment's]")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Writes the files or sets the nodes; 0 done, 1 if nothing of the model could be applied."""
-    from hd_control.cli.main import UsageError
     from hd_control.cli.options import say, write_json
+
+    _check_words(arguments)
+    applied, files, said = _live(arguments) if arguments.live else _files(arguments)
+    for line in (*table(applied), *(f"written: {path}" for path in files), *said.lines):
+        say(arguments, line)
+    write_json(arguments, as_json(arguments, applied, files) | {"tracking": said.tracking})
+    return NOTHING if said.withdrawn or not any(row.applied for row in applied.rows) else 0
+
+
+def _check_words(arguments: argparse.Namespace) -> None:
+    """Raises UsageError for options that do not go together."""
+    from hd_control.cli.main import UsageError
 
     if arguments.live == bool(arguments.output):
         raise UsageError("apply: give -o FILE to write parameters, or --live to set those of running nodes")
     if arguments.live and arguments.params:
         raise UsageError("apply: --live starts from the parameters of the running nodes; leave out --params")
-    applied, files = _live(arguments) if arguments.live else _files(arguments)
-    for line in table(applied):
-        say(arguments, line)
-    for path in files:
-        say(arguments, f"written: {path}")
-    if arguments.live:
-        for line in live_lines(applied):
-            say(arguments, line)
-    write_json(arguments, as_json(arguments, applied, files))
-    return 0 if any(row.applied for row in applied.rows) else NOTHING
+    if not 0.0 <= arguments.watch <= 600.0 or arguments.watch and not arguments.live:
+        raise UsageError(f"apply: --watch {arguments.watch:g} needs --live and 0 to 600 s")
 
 
-def _files(arguments: argparse.Namespace) -> tuple[Applied, list[Path]]:
+@dataclass(frozen=True)
+class Said:
+    """What a live change came to: lines for people, tracking errors by joint, and whether it was taken back."""
+
+    lines: tuple[str, ...] = ()
+    tracking: dict[str, Any] | None = None
+    withdrawn: bool = False
+
+
+def _files(arguments: argparse.Namespace) -> tuple[Applied, list[Path], Said]:
     """Applies the model to params files and writes the new ones, all or none."""
     from pathlib import Path
 
@@ -78,7 +100,7 @@ def _files(arguments: argparse.Namespace) -> tuple[Applied, list[Path]]:
         target = output / source.name if len(sources) > 1 else output
         texts[target] = with_changes(source.read_text(encoding="utf-8"), applied.changed(node), remark, str(source))
     _write(texts, output if len(sources) > 1 else None)
-    return applied, list(texts)
+    return applied, list(texts), Said()
 
 
 def _write(texts: Mapping[Path, str], folder: Path | None) -> None:
@@ -142,31 +164,57 @@ def ambiguous_names(path: str) -> dict[str, dict[str, list[str]]]:
         raise ConfigError(f"{path}: not the JSON of hd diagnose") from None
 
 
-def _live(arguments: argparse.Namespace) -> tuple[Applied, list[Path]]:
+def _live(arguments: argparse.Namespace) -> tuple[Applied, list[Path], Said]:
     """Reads the nodes' parameters, applies the model, sets what a running node takes."""
     from hd_control.control.apply_model import PARAMETERS
     from hd_control.nodes.live_apply import LiveNodes
 
     with LiveNodes(arguments.namespace, arguments.domain) as nodes:
         applied = _applied(arguments, {node: nodes.values(node, PARAMETERS[node].names) for node in nodes.find()})
-        nodes.set({node: applied.changed(node, live=True) for node in applied.values})
-    return applied, []
+        changes = {node: applied.changed(node, live=True) for node in applied.values}
+        if not arguments.watch:
+            nodes.set(changes)
+            return applied, [], Said(tuple(live_lines(applied)))
+        return applied, [], _watched(nodes, applied, changes, arguments.watch)
+
+
+def _watched(nodes: LiveNodes, applied: Applied, changes: Mapping[str, Mapping[str, Any]], seconds: float) -> Said:
+    """Sets the parameters between two measurements of the tracking error; takes them back if it grew."""
+    from hd_control.nodes.tracking_watch import WORSE, growth
+    from hd_control.stages.model_ramp import RAMP_TIME
+
+    watch = nodes.watch()
+    before = watch.measure(seconds)
+    nodes.set(changes)
+    watch.measure(RAMP_TIME)
+    after = watch.measure(seconds)
+    joints = sorted({row.joint for row in applied.rows if row.applied})
+    ratio = growth(before, after, joints)
+    lines = [f"{name}: tracking error {before[name]:.4g} rad before, {after[name]:.4g} rad after" for name in joints]
+    tracking = {"before": before, "after": after, "ratio": ratio}
+    if ratio <= WORSE:
+        return Said((*live_lines(applied), *lines), tracking)
+    nodes.set({node: {name: applied.before[node][name] for name in values} for node, values in changes.items()})
+    why = f"withdrawn: the tracking error grew by {ratio - 1.0:.0%}; was the motion the same? Record and diagnose"
+    return Said((*lines, why), tracking, withdrawn=True)
 
 
 def table(applied: Applied) -> list[str]:
     """What changes and what is not applied, as text; values that are there already are left out."""
-    lines = []
+    lines: list[str] = []
+    refused: dict[tuple[str, str], list[str]] = {}
     for row in applied.rows:
-        head = f"{row.joint:<10} {row.effect:<26}"
-        if row.applied and row.value == row.before:
-            continue
-        if row.applied:
+        if not row.applied:
+            refused.setdefault((row.effect, row.note), []).append(row.joint)
+        elif row.value != row.before:
             note = f"  ({row.note})" if row.note else ""
-            values = f"{_number(row.before)} -> {_number(row.value)}"
             unit = "" if row.unit == "-" else f" {row.unit}"
-            lines.append(f"{head} {row.node} {row.parameter}: {values}{unit}{note}")
-        else:
-            lines.append(f"{head} not applied: {row.note}")
+            values = f"{_number(row.before)} -> {_number(row.value)}{unit}"
+            lines.append(f"{row.joint:<10} {row.effect:<26} {row.node} {row.parameter}: {values}{note}")
+    every = {row.joint for row in applied.rows}
+    for (effect, note), joints in refused.items():
+        where = "all joints" if set(joints) == every and len(every) > 1 else ", ".join(joints)
+        lines.append(f"not applied: {effect}: {note} ({where})")
     used = {(row.joint, row.effect) for row in applied.rows if row.applied}
     changed = sum(row.applied and row.value != row.before for row in applied.rows)
     return [*lines, f"applied: {len(used)} effects, {changed} values change"]

@@ -10,6 +10,7 @@ from typing import Any
 from hd_control.core.errors import HdError
 from hd_control.nodes.process import prepare_environment
 from hd_control.nodes.session_client import SessionClient
+from hd_control.nodes.tracking_watch import TrackingWatch
 
 FIND_TIMEOUT, CALL_TIMEOUT = 5.0, 10.0
 PARTS = {"fusion_node": "fusion.", "torque_node": "torque."}
@@ -52,6 +53,10 @@ class LiveNodes:
                 "hd up, or check --namespace and ROS_DOMAIN_ID"
             )
         return list(self._places)
+
+    def watch(self) -> TrackingWatch:
+        """Listens to the tracking error from now on."""
+        return TrackingWatch(self._client.node)
 
     def values(self, part: str, names: tuple[str, ...]) -> dict[str, Any]:
         """Present values of a part. Raises HdError."""

@@ -1,13 +1,20 @@
 """hd apply --live: a model into running nodes, and into the chain that holds them all."""
 
+import json
+from dataclasses import replace
+
+import numpy as np
 import pytest
 from node_runs import PAUSE, random_domain
 
 from hd_control.cli.main import main
+from hd_control.control.trajectory import sine_goal
 from hd_control.drive.model import JointModel, Model, ModelValue
 from hd_control.drive.model_yaml import save_model
 from hd_control.nodes.run_plan import RunPlan
 from hd_control.nodes.session import Session
+from hd_sim.plant_config import PlantConfig
+from hd_sim.truth import HiddenEffect, apply_hidden, nominal
 
 pytestmark = pytest.mark.process
 
@@ -59,3 +66,40 @@ def test_a_model_ramps_into_running_nodes(nodes, tmp_path, capsys):
 def test_without_nodes_it_says_how_to_start_them(tmp_path, capsys):
     assert main(["apply", "--model", "arm_a", "--live", "--domain", str(random_domain())]) == 2
     assert "start them with hd up" in capsys.readouterr().err
+
+
+def test_a_change_that_makes_it_worse_is_taken_back(tmp_path, capsys):
+    """The same sine, a hidden kinematic error; the wrong sign is withdrawn, the right one stays."""
+    hidden = apply_hidden(
+        nominal(PlantConfig.from_file("single_joint_3")), [HiddenEffect("joint_3", "kinematic_error", 6.0)], 3
+    )
+    waves = {f"{kind}_{n}": float(hidden.drives[f"kinematic_{kind}"][0][n - 1])
+             for kind in ("cosine", "sine") for n in (2, 4)}  # fmt: skip
+    plant = {"pause_at_tick": PAUSE, "nominal": True, "hide": ["joint_3:kinematic_error:6.0"], "seed": 3}
+    plan = RunPlan(nodes=("chain",), plant="single_joint_3", lockstep=True, parameters={"chain": plant})
+    domain, said = random_domain(), tmp_path / "said.json"
+
+    def apply(sign):
+        values = {"kinematic_error": {key: fitted(sign * value) for key, value in waves.items()}}
+        save_model(Model(None, {"joint_3": JointModel(120.0, effects=values)}), tmp_path / "m.yaml", force=True)
+        words = ["apply", "--model", str(tmp_path / "m.yaml"), "--live", "--watch", "4", "--domain", str(domain)]
+        return main([*words, "--json", str(said), "--force"]), json.loads(said.read_text())["tracking"]["ratio"]
+
+    with Session(plan, domain, tmp_path / "logs") as session:
+        session.activate()
+        session.wait_until_tick(PAUSE)
+        goal = sine_goal(("joint_3",), hidden.start_position, 0.1, 0.5, 100)
+        session.send_goal(replace(goal, start_tick=PAUSE + 100, times=np.round(goal.times, 9)))
+        session.set_parameters("chain", {"pause_at_tick": -1})
+        session.wait_until_tick(7000, 120.0)
+        code, ratio = apply(-1.0)
+        assert code == 1 and ratio > 1.05 and "withdrawn" in capsys.readouterr().out
+        assert session.get_parameters("chain", ["torque.kinematic_feedforward"]) == {
+            "torque.kinematic_feedforward": False
+        }
+        code, ratio = apply(1.0)
+        assert code == 0 and ratio < 0.7
+        assert session.get_parameters("chain", ["torque.kinematic_feedforward"]) == {
+            "torque.kinematic_feedforward": True
+        }
+    assert set(session.exit_codes.values()) == {0}, session.exit_codes
