@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from hd_control.nodes.live_apply import LiveNodes
 
 NAME = "apply"
-HELP = "write what a model knows into the controllers' parameters: feed-forward, start values, gauge correction"
+HELP = "write a model into the controllers' parameters: feed-forward, start values, gauge correction"
 EXAMPLE = """hd apply --model better.yaml --params torque_node.yaml --params fusion_node.yaml -o tuned/
   hd apply --model better.yaml --live"""
 SCHEMA = "hd.apply/1"

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from hd_control.stages.replay_bag import ReplayBag
 
 NAME = "replay"
-HELP = "recorded sensors through fusion, motion and torque again: does anything change, what would have been commanded"
+HELP = "recorded sensors through the chain again: what changed, what would have been commanded"
 EXAMPLE = """hd replay bags/run1
   hd replay bags/run1 --set torque_node.rate_source=plain -o bags/run1_plain
   hd replay bags/run1 --live --stepped"""
