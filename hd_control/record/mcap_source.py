@@ -51,7 +51,7 @@ class McapSource:
         self._attachments: dict[str, tuple[int, int]] = {}
         self._pieces: list[tuple[int | ChunkPlace, frozenset[int]]] = []
         self._chunks_met: set[int] = set()
-        self._bad_chunk: int | None = None
+        self._sure = len(MAGIC)  # up to here no length can have been wrong
         self._descriptions = 0
         self._told: set[Problem] = set()
         self._untold = 0
@@ -129,7 +129,7 @@ class McapSource:
             if found["footer"]:
                 self._check_end(stop)
                 break
-            again = resync.next_record(found, self._bad_chunk, self.topics.keys()) if found["reason"] else None
+            again = resync.next_record(self._sure, self.topics.keys()) if found["reason"] else None
             missing = max(0, (len(self._buffer) if again is None else again) - stop)
             reason = found["reason"] or "no footer: the recording was not closed"
             self._problem(f"{reason}; {missing} of {len(self._buffer)} bytes from here on are not readable", stop)
@@ -149,6 +149,7 @@ class McapSource:
             if len(found["channel"]):
                 self.checksums = False
                 self._add_messages(at, _count(found["channel"]), at)
+                self._sure = max(self._sure, int(found["offset"][-1]))
             self._file.release()
             at = found["stop"]
             if not found["limit"]:
@@ -208,9 +209,8 @@ class McapSource:
             data = chunk_data(self._buffer, place)
         except ChunkError as error:
             self._problem(f"{error}; {length} bytes skipped", offset)
-            self._bad_chunk = offset - 9
             return
-        self._bad_chunk = None
+        self._sure = max(self._sure, offset + length)
         messages: Counter[int] = Counter()
         for found in scans(data):
             self._take_others(found, data)

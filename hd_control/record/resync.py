@@ -9,12 +9,10 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Collection
-from typing import Any
 
 from mcap.opcode import Opcode
 
 from hd_control.record.fixed_cdr import Buffer
-from hd_control.record.mcap_file import MESSAGE
 from hd_control.record.problems import RECORD_CAP
 
 CHAIN = 4
@@ -30,32 +28,24 @@ class Resync:
     """The search in one file; its total effort is bounded."""
 
     def __init__(self, buffer: Buffer) -> None:
-        self._buffer, self._left = buffer, MAX_CANDIDATES
+        self._buffer, self._left, self._next = buffer, MAX_CANDIDATES, 0
 
-    def next_record(self, found: dict[str, Any], bad_chunk: int | None, channels: Collection[int]) -> int | None:
-        """Where a chain of records begins behind the place at which a walk stopped; None if there is none.
+    def next_record(self, sure: int, channels: Collection[int]) -> int | None:
+        """The first byte at or behind `sure` where a chain of records begins, later each time; None if there is none.
 
-        `found` is what the walk found last, `bad_chunk` the beginning of a chunk that failed, if no whole one followed.
+        `sure`: up to here there is no doubt. A record behind it may have had a wrong length, so that the next whole one
+        lies inside of what was taken for it.
         """
-        at = _doubtful_place(self._buffer, found, bad_chunk) + 1
+        self._next = max(self._next, sure)
         while self._left > 0:
             self._left -= 1
-            place = _CANDIDATE.search(self._buffer, at)
+            place = _CANDIDATE.search(self._buffer, self._next)
             if place is None:
                 return None
+            self._next = place.start() + 1
             if _is_chain(self._buffer, place.start(), channels):
                 return place.start()
-            at = place.start() + 1
         return None
-
-
-def _doubtful_place(buffer: Buffer, found: dict[str, Any], bad_chunk: int | None) -> int:
-    """The beginning of the last record that may have a wrong length, so that the next whole one lies inside of it."""
-    message = int(found["offset"][-1]) - MESSAGE.size if len(found["offset"]) else -1
-    other = int(found["other_offset"][-1]) - _HEAD.size if len(found["other_offset"]) else -1
-    last: int = max(message, other)
-    place: int = found["stop"] if last < 0 or buffer[last] == Opcode.CHUNK else last
-    return place if bad_chunk is None or bad_chunk < message else min(place, bad_chunk)
 
 
 def _is_chain(buffer: Buffer, at: int, channels: Collection[int]) -> bool:
