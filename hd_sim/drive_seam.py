@@ -47,7 +47,7 @@ class DriveSeam:
         self.limits = limits
         robot, period = plant.config.robot, plant.config.period
         hold = int(limits.guard.brake_samples)
-        self.guard = Guard(limits, robot.position_low, robot.position_high, period, hold)
+        self.guard = Guard(limits, robot.position_low, robot.position_high, robot.velocity_limit, period, hold)
         self._gear_ratio, self._rate = plant.config.drives["gear_ratio"], VELOCITY_WEIGHT / period
         self._sensed = False
         n, slices = limits.joints, plant.sample().layout.slices

@@ -122,6 +122,7 @@ class FaultyRunner(Runner):
         self.random = np.random.default_rng([seed, 0x5EED])
         self.used_tick = -1
         self.given: FloatArray = np.zeros(setup.config.joints)
+        self._stuck: dict[tuple[Injection, str], FloatArray] = {}
         self._history: dict[tuple[str, str], list[FloatArray]] = {}
         plant = self.world.seam.plant
         self._latch = plant.latch
@@ -171,18 +172,17 @@ class FaultyRunner(Runner):
 
     def _apply(self, tick: int, topic: str, arrays: dict[str, FloatArray], fault: Injection) -> bool:
         """Changes the arrays in place; False: the message does not arrive."""
-        since = tick - fault.onset
         if fault.kind == "off":
             return False
         if fault.kind == "intermittent":
             return bool(self.random.random() < 0.5)
         if fault.kind == "slow":
-            return since % (1 + min(12, int(1 + fault.magnitude))) == 0
+            return (tick - fault.onset) % (1 + min(12, int(1 + fault.magnitude))) == 0
         for name, values in arrays.items():
             history, size = self._history[topic, name], SIZES.get(name, 1.0) * fault.magnitude
             part = slice(None) if fault.joint < 0 else slice(fault.joint, fault.joint + 1)
             if fault.kind == "stuck":
-                values[part] = history[max(0, len(history) - 2 - min(since, 50))][part]
+                values[part] = self._stuck.setdefault((fault, name), history[max(0, len(history) - 2)])[part]
             elif fault.kind == "delayed":
                 values[part] = history[max(0, len(history) - 1 - min(50, int(1 + fault.magnitude)))][part]
             elif fault.kind == "not_finite":

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import json
+import os
 import sys
 import time
 from pathlib import Path
@@ -22,7 +24,15 @@ ROOT = Path(__file__).resolve().parents[2]
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the options of this command."""
     parser.add_argument("--fast", action="store_true", help="leave out the tests marked slow")
-    parser.add_argument("--long", action="store_true", help="run the long campaigns of test/campaigns instead")
+    parser.add_argument(
+        "--long",
+        nargs="*",
+        metavar="GOAL",
+        help="run the long campaigns of test/campaigns instead, all or those of the goals named (G1 G3)",
+    )
+    parser.add_argument("--goals", action="store_true", help="print the reliability goals with the figures reached")
+    parser.add_argument("--injections", type=int, metavar="N", help="number of fault injections of G1 (10000)")
+    parser.add_argument("--hours", type=float, metavar="H", help="simulated hours of G3 (1)")
     add_output_options(parser)
 
 
@@ -41,16 +51,27 @@ class Counter:
                 self.failures.append(report.nodeid)
 
 
-def campaigns(root: Path) -> list[Path]:
-    """The long campaigns that exist."""
-    return sorted((root / "test" / "campaigns").glob("test_*.py"))
+def campaigns(root: Path, goals: list[str] | None = None) -> list[Path]:
+    """The long campaigns that exist, `test_g1_*.py` for G1 and so on; all, or those of some goals.
+
+    Raises HdError for a goal without a campaign.
+    """
+    found = sorted((root / "test" / "campaigns").glob("test_*.py"))
+    if not goals:
+        return found
+    chosen = [path for goal in goals for path in found if path.stem.split("_")[1] == goal.lower()]
+    known = sorted({path.stem.split("_")[1].upper() for path in found})
+    for goal in goals:
+        if goal.upper() not in known:
+            raise HdError(f"there is no long campaign of {goal}; there is {', '.join(known)}")
+    return chosen
 
 
 def selection(arguments: argparse.Namespace) -> list[str]:
     """What pytest is asked to run. Raises AnswerIsNo if long campaigns are wanted and there are none."""
     given: list[str] = list(arguments.unknown)
-    if arguments.long:
-        found = campaigns(ROOT)
+    if arguments.long is not None:
+        found = campaigns(ROOT, arguments.long)
         if not found:
             raise AnswerIsNo("there are no long campaigns yet; ./hd test runs everything that exists")
         say(arguments, "campaigns: " + ", ".join(path.stem.removeprefix("test_") for path in found))
@@ -61,10 +82,31 @@ def selection(arguments: argparse.Namespace) -> list[str]:
     return given if named else [*given, str(ROOT / "test")]
 
 
+def print_goals(arguments: argparse.Namespace) -> int:
+    """The goals with what the last campaigns reached; the figures are those that the campaigns wrote themselves."""
+    folder = ROOT / "test" / "campaigns"
+    goals = json.loads((folder / "goals.json").read_text())
+    rows = []
+    for goal in goals:
+        path = folder / "results" / f"{goal['goal']}.json"
+        result = json.loads(path.read_text()) if path.exists() else {}
+        rows.append({**goal, "reached": result.get("reached", "not measured yet"), "passed": result.get("passed")})
+    for row in rows:
+        mark = {True: "ok", False: "NOT REACHED"}.get(row["passed"], "-")
+        say(arguments, f"{row['goal']:<4} {mark:<12} {row['figure']}\n     {row['reached']}; see {row['test']}")
+    write_json(arguments, {"schema": "hd.goals/1", "goals": rows})
+    return 0
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Runs pytest in this process. Exit code 0 if all passed, 1 if a test failed, 2 if pytest refused its options."""
     if not (ROOT / "test").is_dir():
         raise HdError("the tests belong to the source tree and are not installed; run ./hd test in a checkout")
+    if arguments.goals:
+        return print_goals(arguments)
+    for name in ("injections", "hours"):
+        if getattr(arguments, name) is not None:
+            os.environ[f"HD_{name.upper()}"] = str(getattr(arguments, name))
     try:
         import pytest
     except ImportError:

@@ -68,7 +68,8 @@ def watch(
     """
     new = memory.copy()
     n = state.joints
-    error = np.abs(reference[n : 2 * n] - sample.joint_position)
+    with np.errstate(invalid="ignore"):
+        error = np.abs(reference[n : 2 * n] - sample.joint_position)
     error = np.where(np.isfinite(error), error, memory.error)
     new.error = memory.error + (error - memory.error) / ERROR_SAMPLES
     at_bound = np.zeros(n, dtype=bool)

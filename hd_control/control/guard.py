@@ -27,6 +27,8 @@ _MEASURED = (
     ("joint_position", 1, "rad", "q"),
     ("joint_velocity", 1, "rad/s", "D(q)"),
 )
+SPEED_SHARE = 1.2
+"""A joint faster than this share of its velocity limit is stopped."""
 OUTWARD_SPEED = 0.05
 """rad/s; slower motion outside the envelope is noise, or the way back."""
 
@@ -47,12 +49,22 @@ def new_measured(joints: int) -> Block:
 
 
 class Guard:
-    """State and step of one side. `low`, `high` (n,) rad: joint limits; `hold_samples` 0: hold without end."""
+    """State and step of one side. `low`, `high` (n,) rad and `speed` (n,) rad/s: limits of the joints of the robot.
+
+    `hold_samples` 0: a controlled stop holds without end.
+    """
 
     def __init__(
-        self, limits: SafetyLimits, low: FloatArray, high: FloatArray, dt: float, hold_samples: int = 0
+        self,
+        limits: SafetyLimits,
+        low: FloatArray,
+        high: FloatArray,
+        speed: FloatArray,
+        dt: float,
+        hold_samples: int = 0,
     ) -> None:
         self.limits, self.low, self.high, self.dt, self.hold_samples = limits, low, high, dt, hold_samples
+        self._speed = SPEED_SHARE * speed
         self.gate = gate.initial_gate_state(limits.joints)
         self.stop = stop.initial_stop(limits.joints)
         self.measured = new_measured(limits.joints)
@@ -86,6 +98,7 @@ class Guard:
     def activate(self, applied: FloatArray) -> None:
         """Opens with the torque (n,) N m that the drive holds now. A latched stop stays latched."""
         self.gate = gate.activate(self.gate, self.limits.gate, applied)
+        self._mean[:] = applied
         self._look()
 
     def deactivate(self) -> None:
@@ -103,6 +116,12 @@ class Guard:
         self, command: FloatArray, ages: FloatArray, ticks: FloatArray, demands: Sequence[Fault] = ()
     ) -> tuple[FloatArray, list[Fault]]:
         """One sample: the torque that may leave (n,) N m, and its faults. `demands` are those of the monitors."""
+        with np.errstate(all="ignore"):  # infinite inputs are judged below, not warned of
+            return self._step(command, ages, ticks, demands)
+
+    def _step(
+        self, command: FloatArray, ages: FloatArray, ticks: FloatArray, demands: Sequence[Fault]
+    ) -> tuple[FloatArray, list[Fault]]:
         emitting = self._emitting
         found = [*demands, *self._input_faults(command, ages, ticks), *self._envelope_faults()]
         action = strongest(found)
@@ -180,13 +199,16 @@ class Guard:
         return found
 
     def _envelope_faults(self) -> list[Fault]:
-        """A joint that moves outward and could no longer stop inside its limits: q + v|v| / (2 a) outside."""
+        """A joint that is too fast, or moves outward and could no longer stop inside: q + v|v| / (2 a) outside."""
         position, velocity = self._position, self._velocity
         end = position + velocity * np.abs(velocity) / self._twice_deceleration
-        inside = (self.low <= end) & (end <= self.high)
-        if inside.all() or not self._emitting:
+        inside, slow = (self.low <= end) & (end <= self.high), np.abs(velocity) <= self._speed
+        if (inside & slow).all() or not self._emitting:
             return []
-        found = []
+        found = [
+            Fault(FaultCode.OVERSPEED, int(j), float(velocity[j]), float(self._speed[j]), Action.CONTROLLED_STOP)
+            for j in np.flatnonzero(~slow & np.isfinite(velocity))
+        ]
         for j in np.flatnonzero(~inside):
             above, v = bool(end[j] > self.high[j]), float(velocity[j])
             if (above and v > OUTWARD_SPEED) or (end[j] < self.low[j] and v < -OUTWARD_SPEED):

@@ -65,6 +65,7 @@ class FaultCode(enum.IntEnum):
     ENVELOPE = 40
     LET_GO = 41
     STOP_LEFT = 42
+    OVERSPEED = 43
 
     @property
     def text(self) -> str:
@@ -158,6 +159,7 @@ KINDS: dict[FaultCode, FaultKind] = {
     FaultCode.LET_GO: FaultKind(
         "zero commands in a row while the joint moves", ">=", "samples", "Look why the controller let the joint go"
     ),
+    FaultCode.OVERSPEED: FaultKind("joint velocity", "outside +-", "rad/s", "Look at the command and at the sensors"),
     FaultCode.STOP_LEFT: FaultKind(
         "velocity in a controlled stop", "outside +-", "rad/s", "Look for a load or a sensor that does not fit"
     ),

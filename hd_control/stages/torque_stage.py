@@ -33,7 +33,8 @@ class TorqueStage(Stage):
         super().__init__(TORQUE, torque, robot, dt, joint_names)
         joints, rows = len(self.joint_names), robot.indices(self.joint_names)
         self.limits = limits
-        self.guard = Guard(limits, robot.position_low[rows], robot.position_high[rows], dt)
+        low, high, speed = robot.position_low[rows], robot.position_high[rows], robot.velocity_limit[rows]
+        self.guard = Guard(limits, low, high, speed, dt)
         names = ("motor_position", "motor_velocity", "joint_position", "joint_velocity")
         self._measured = [(self.guard.measured.view(name), self.sample.view(name)) for name in names]
         self._used_sample = self.sample.array[: self.sample.layout.slices["motor_torque"].start]

@@ -225,9 +225,9 @@ def test_bash_completes(tmp_path: Path) -> None:
 
 def test_test_command_selects(monkeypatch: pytest.MonkeyPatch) -> None:
     module = importlib.import_module("hd_control.cli.test")
-    chosen = module.selection(arguments(unknown=["-k", "gate"], long=False, fast=True))
+    chosen = module.selection(arguments(unknown=["-k", "gate"], long=None, fast=True))
     assert chosen[:4] == ["-k", "gate", "-m", "not slow"] and chosen[-1].endswith("/test")
-    assert module.selection(arguments(unknown=[__file__], long=False, fast=False)) == [__file__]
-    monkeypatch.setattr(module, "campaigns", lambda root: [])
+    assert module.selection(arguments(unknown=[__file__], long=None, fast=False)) == [__file__]
+    monkeypatch.setattr(module, "campaigns", lambda root, goals: [])
     with pytest.raises(AnswerIsNo, match="no long campaigns"):
-        module.selection(arguments(unknown=[], long=True, fast=False))
+        module.selection(arguments(unknown=[], long=[], fast=False))

@@ -49,7 +49,8 @@ class RunOracle:
             self.speed_at_stop = None
             return
         if self.speed_at_stop is None:
-            self.speed_at_stop = np.fmax(np.abs(velocity), ROTOR_SHARE * np.abs(rotor))
+            # Joints of an arm hand momentum to each other, so the fastest one at the stop is the measure for all.
+            self.speed_at_stop = float(np.fmax(np.abs(velocity), ROTOR_SHARE * np.abs(rotor)).max())
         if controlled:
             faster = np.abs(velocity) > self.speed_at_stop + SPEED_MARGIN
             self.found += [(tick, "d", int(j)) for j in np.flatnonzero(faster)]

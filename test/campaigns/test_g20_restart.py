@@ -1,0 +1,22 @@
+"""G20: stop and reset, again and again."""
+
+import os
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+
+from restart_runs import restart_cycles
+from results import write_result
+
+SEED = int(os.environ.get("HD_SEED", "20240229"))
+RUNS, CYCLES = 20, 50
+
+
+def test_g20_a_thousand_restarts_without_a_jump():
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        found = [
+            text for texts in pool.map(partial(restart_cycles, CYCLES), range(SEED, SEED + RUNS)) for text in texts
+        ]
+    write_result(
+        "G20", f"{len(found)} problems in {RUNS * CYCLES} cycles, seed {SEED}", not found, cycles=RUNS * CYCLES
+    )
+    assert not found, "\n".join(found[:10])
