@@ -84,14 +84,22 @@ class Db3Source:
         batch: list[tuple[int, int, bytes]] = []
         try:
             for connection, time_ns, data in self._reader.messages(wanted) if wanted else ():
+                if not isinstance(time_ns, int) or not isinstance(data, (bytes, bytearray, memoryview)):
+                    self._problem(f"{connection.topic}: a row whose time or data is of another kind is skipped")
+                    continue
                 batch.append((connection.id, time_ns, bytes(data)))
                 if len(batch) == BLOCK_MESSAGES:
                     yield _block(batch)
                     batch = []
         except Exception as error:  # as above
-            self.problems.append(Problem(f"reading stopped ({_text(error)})", self.path.name))
+            self._problem(f"reading stopped ({_text(error)})")
         if batch:
             yield _block(batch)
+
+    def _problem(self, text: str) -> None:
+        problem = Problem(text, self.path.name)
+        if problem not in self.problems:
+            self.problems.append(problem)
 
 
 def _text(error: Exception) -> str:
