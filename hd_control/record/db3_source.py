@@ -82,6 +82,8 @@ class Db3Source:
         """The messages of some topics, a bounded number at a time."""
         wanted = [self._connections[number] for number in channels if number in self._connections]
         batch: list[tuple[int, int, bytes]] = []
+        time_ns: Any
+        data: Any  # whatever a damaged database holds
         try:
             for connection, time_ns, data in self._reader.messages(wanted) if wanted else ():
                 if not isinstance(time_ns, int) or not isinstance(data, (bytes, bytearray, memoryview)):
