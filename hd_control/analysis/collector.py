@@ -11,9 +11,11 @@ from hd_control.analysis.decimate import LONGEST_ROWS, decimate, factor_of
 from hd_control.analysis.signals import SIGNALS, BoolArray, FloatArray, JointSignals
 from hd_control.analysis.sources import SignalSource, SourceMap, held_from_measured
 from hd_control.analysis.time_base import NS, SLOWEST, Alignment, IntArray, TimeBase, longest_stretch, rising, time_base
-from hd_control.record.columns import Columns, has_fixed_layout
+from hd_control.analysis.topic_columns import TopicColumns, open_topic
+from hd_control.record.columns import has_fixed_layout
 from hd_control.record.reader import BagReader
 
+Rows = IntArray | slice
 MEASURED = SIGNALS[:4]
 """A row is valid if none of these is missing in it (of those that the joint has)."""
 SLOW = ("temperature",)
@@ -45,6 +47,7 @@ class Collector:
     found: dict[str, FoundJoint] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
+    _times: FloatArray | None = None
 
     def collect(self) -> None:
         """Reads the best source of every signal, then the next best for joints that still lack it."""
@@ -75,13 +78,20 @@ class Collector:
                 valid &= np.isfinite(joint.columns[signal])
         return JointSignals(
             joint=name,
-            time=period * np.arange(count, dtype=np.float64),
+            time=self._time(period, count),
             period=period,
             valid=valid,
             sources=dict(joint.sources),
             notes=(*joint.notes, *_remarks(joint, valid, period)),
             **joint.columns,  # type: ignore[arg-type] # the names are those of SIGNALS
         )
+
+    def _time(self, period: float, count: int) -> FloatArray:
+        """The time of the rows, s; one array for all joints, which nobody may change."""
+        if self._times is None:
+            self._times = period * np.arange(count, dtype=np.float64)
+            self._times.setflags(write=False)
+        return self._times
 
     def _usable(self, source: SignalSource) -> bool:
         if not self.bag.has(source.topic):
@@ -100,9 +110,9 @@ class Collector:
         return "Temperature" not in self.bag.topics[topic], self.bag.counts[topic]
 
     def _read(self, topic: str, sources: Sequence[SignalSource]) -> None:
-        columns = self.bag.columns(topic)
+        columns = open_topic(self.bag, topic)
         names = [name for name in columns.names if self._is_wanted(name)]
-        if not names or len(columns) == 0:
+        if not names or columns.stamps_ns.size == 0:
             return
         for rows, group in _streams(columns, names, sources):
             stamps, keep = self._clean(topic, columns, rows)
@@ -115,22 +125,25 @@ class Collector:
         ours = self.source_map.ours(source_joint)
         return ours is not None and (self.wanted is None or ours in self.wanted)
 
-    def _clean(self, topic: str, columns: Columns, rows: IntArray) -> tuple[IntArray, IntArray]:
+    def _clean(self, topic: str, columns: TopicColumns, rows: Rows) -> tuple[IntArray, Rows]:
         """Rising stamps of some rows and the rows they belong to; what was dropped becomes a problem."""
         stamps = columns.stamps_ns[rows]
         if stamps.size > 1 and bool((stamps == stamps[0]).all()):
             self.notes.append(f"{topic}: header stamps are all equal; the times of recording are used")
-            stamps = columns.log_times_ns[rows]
+            stamps = columns.log_times_ns()[rows]
         keep = rising(stamps)
         if keep.size < stamps.size:
             dropped = stamps.size - keep.size
             self.problems.append(f"{topic}: {dropped} of {stamps.size} samples dropped, their stamps repeat or go back")
-        stretch = longest_stretch(stamps[keep])
+        kept = stamps if keep.size == stamps.size else stamps[keep]
+        stretch = longest_stretch(kept)
         if stretch.stop - stretch.start < keep.size:
             dropped = keep.size - (stretch.stop - stretch.start)
             self.problems.append(f"{topic}: {dropped} of {stamps.size} samples dropped, the clock jumped")
-            keep = keep[stretch]
-        return stamps[keep], rows[keep]
+            keep, kept = keep[stretch], kept[stretch]
+        if keep.size == stamps.size:
+            return kept, rows
+        return kept, keep if isinstance(rows, slice) else rows[keep]
 
     def _set_base(self, topic: str, stamps: IntArray) -> None:
         whole = time_base(stamps, f"{self.bag.path}: {topic}")
@@ -151,16 +164,15 @@ class Collector:
         self,
         topic: str,
         source: SignalSource,
-        columns: Columns,
+        columns: TopicColumns,
         names: Sequence[str],
         stamps: IntArray,
-        keep: IntArray,
+        keep: Rows,
     ) -> None:
         """Aligned columns of one signal for the joints that lack it."""
         assert self.base is not None
         late = round((source.delay - source.acts_later * self.base.period) * NS)
-        table = columns.values.get(source.field)
-        if table is None or stamps.size < 1:
+        if not columns.has(source.field) or stamps.size < 1:
             return
         alignment = Alignment(self.base, stamps, late) if stamps.size > 1 or source.signal in SLOW else None
         for name in names:
@@ -169,7 +181,7 @@ class Collector:
             joint = self.found.setdefault(ours, FoundJoint())
             if source.signal in joint.columns or alignment is None:
                 continue
-            values = source.convert(ours, table[keep, columns.names.index(name)])
+            values = source.convert(ours, columns.column(source.field, name)[keep])
             self._keep(joint, source, topic, values, alignment)
 
     def _keep(
@@ -199,15 +211,14 @@ class Collector:
 
 
 def _streams(
-    columns: Columns, names: Sequence[str], sources: Sequence[SignalSource]
-) -> list[tuple[IntArray, Sequence[str]]]:
+    columns: TopicColumns, names: Sequence[str], sources: Sequence[SignalSource]
+) -> list[tuple[Rows, Sequence[str]]]:
     """Rows that belong to the same joints: joints that come in messages of their own have their own stamps."""
-    table = next((columns.values[s.field] for s in sources if s.field in columns.values), None)
-    everything = np.arange(len(columns))
-    if table is None or len(names) < 2:
+    field_name = next((s.field for s in sources if columns.has(s.field)), None)
+    everything = slice(None)
+    if field_name is None or len(names) < 2:
         return [(everything, names)]
-    places = [columns.names.index(name) for name in names]
-    present = np.isfinite(table[:, places])
+    present = columns.present(field_name, names)
     if bool(present.all()):
         return [(everything, names)]
     alone = present.sum(axis=1) <= 1

@@ -120,14 +120,17 @@ class Alignment:
         A `held` value is the mean over the tick of what is held; other values are interpolated by a cubic spline.
         """
         finite = np.isfinite(values)
-        ticks, values = self.ticks[finite], values[finite]
+        ticks, values = (self.ticks, values) if finite.all() else (self.ticks[finite], values[finite])
         found = np.full(self.base.count, np.nan)
         if ticks.size < 2:
             return found
         if self.on_grid:
             place = np.round(ticks).astype(np.int64)
             inside = (place >= 0) & (place < self.base.count)
-            found[place[inside]] = values[inside]
+            if inside.all():
+                found[place] = values
+            else:
+                found[place[inside]] = values[inside]
             missing = np.flatnonzero(np.isnan(found))
         else:
             missing = np.arange(self.base.count)
