@@ -6,15 +6,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from hd_control.analysis.compare import JointComparison, compare, noises_of
+from hd_control.analysis.compare import ChannelComparison, JointComparison, compare, noises_of
 from hd_control.analysis.condition_maps import conditions_of, maps_of, worst
 from hd_control.analysis.diagnose import diagnose
+from hd_control.analysis.figures_style import shown_unit
 from hd_control.analysis.horizons import Horizons, horizons
 from hd_control.analysis.hunt import Task
 from hd_control.analysis.joint_task import task_of, written_coefficients
 from hd_control.analysis.link_function import LinkSide
 from hd_control.analysis.map_sentence import sentence
 from hd_control.analysis.noise import Noise
+from hd_control.analysis.order_lines import describe, lines_of
+from hd_control.analysis.orders import channel_record, order_spectrum
 from hd_control.analysis.signal_checks import check_signals
 from hd_control.analysis.signals import Recording
 from hd_control.analysis.verdict import JointDiagnosis
@@ -26,12 +29,16 @@ WORST = 8
 
 @dataclass(frozen=True)
 class JointReport:
-    """A model against one joint: comparison with worst conditions, one sentence per channel, free runs, remarks."""
+    """A model against one joint: comparison with worst conditions, one sentence per channel, free runs, remarks.
+
+    `order_lines`: channel -> lines of the residual's order spectrum, one sentence each.
+    """
 
     joint: str
     signals: tuple[str, ...]
     comparison: JointComparison
     sentences: Mapping[str, str]
+    order_lines: Mapping[str, tuple[str, ...]]
     horizons: Horizons
     notes: tuple[str, ...]
 
@@ -40,6 +47,7 @@ class JointReport:
         channels = {name: channel.json() for name, channel in self.comparison.channels.items()}
         for name, text in self.sentences.items():
             channels[name]["sentence"] = text
+            channels[name]["order_lines"] = list(self.order_lines.get(name, ()))
         return {
             "signals": list(self.signals),
             "channels": channels,
@@ -86,14 +94,23 @@ def compare_joint(
     task = joint_task(recording, model, joint, side)
     found = compare_task(task, model, joint, noises)
     runs = horizons(task, recording.joints[joint], model.joint(joint), side) if free_run else Horizons({})
-    channels, sentences = {}, {}
+    channels, sentences, lines = {}, {}, {}
     for name, channel in found.channels.items():
         maps = maps_of(conditions_of(task.equations, name), channel.residual, channel.used)
         channels[name] = replace(channel, worst=tuple(worst(maps, WORST)))
         sentences[name] = sentence(maps, channel.noise_floor)
+        lines[name] = _order_lines(task, channel)
     notes = notes_of(recording, model, joint, side)
     present = recording.joints[joint].present
-    return JointReport(joint, present, replace(found, channels=channels), sentences, runs, notes)
+    return JointReport(joint, present, replace(found, channels=channels), sentences, lines, runs, notes)
+
+
+def _order_lines(task: Task, channel: ChannelComparison) -> tuple[str, ...]:
+    """Named lines of the residual of the refitted model, cycles per turn."""
+    record = channel_record(task.equations, channel.name, channel.refitted, channel.used)
+    spectrum = order_spectrum([record], task.equations.states.gear_ratio)
+    factor, unit = shown_unit(channel.unit)
+    return tuple(describe(line, spectrum, unit, factor) for line in lines_of(spectrum))
 
 
 def compare_task(task: Task, model: Model, joint: str, noises: Mapping[str, Noise] | None = None) -> JointComparison:

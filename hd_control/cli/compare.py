@@ -111,6 +111,8 @@ def _channel_lines(name: str, channel: dict[str, Any]) -> Iterator[str]:
     if refitted <= 1.1 * floor < error:
         yield "                its own values, fitted again, reach the noise: hd add --refit, nothing is missing"
     yield f"                {channel['sentence']}"
+    for text in channel["order_lines"]:
+        yield f"                line at {text}"
 
 
 def _free_run_lines(entry: dict[str, Any]) -> Iterator[str]:
