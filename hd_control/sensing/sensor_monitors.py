@@ -19,6 +19,8 @@ from hd_control.core.faults import Action, Fault, FaultCode
 BoolArray = NDArray[np.bool_]
 ENCODER, RESOLVER, GAUGE = range(3)
 RAIL_SHARE = 0.99
+STOP_SHARE = 2.0
+"""Residuals above their limit are reported, above this many times their limit they stop the robot."""
 MOVED_COUNTS = 5.0
 """Twist limits; less motion than that does not show that a gauge ought to have changed."""
 
@@ -61,8 +63,13 @@ class Screen:
 
 def first_screen(reading: FloatArray) -> Screen:
     """The memory after the first reading (3, n)."""
-    zeros = np.zeros_like(reading)
-    return Screen(reading.copy(), zeros, reading.copy(), zeros)
+    zeros, usable = np.zeros_like(reading), _finite(reading)
+    return Screen(usable, zeros, usable.copy(), zeros)
+
+
+def _finite(reading: FloatArray) -> FloatArray:
+    """A copy in which everything that is no finite number is NaN: arithmetic with it stays quiet."""
+    return np.where(np.isfinite(reading), reading, np.nan)
 
 
 def modular(difference: FloatArray, period: FloatArray | None) -> FloatArray:
@@ -87,19 +94,20 @@ def screen(
     if good.all():
         slope = modular(reading - memory.last, period)
         return reading, Screen(reading.copy(), slope, memory.raw, np.zeros_like(slope)), []
+    raw = _finite(reading)
     bad = np.where(good, 0.0, memory.bad + 1.0)
     gone = bad >= allowed_bad
-    stays = gone & (np.abs(modular(reading - memory.raw, period)) <= limit)
-    used = np.where(good, reading, np.where(gone, np.nan, predicted))
-    new_last = np.where(good | stays, reading, np.where(np.isfinite(predicted), predicted, memory.last))
+    stays = gone & (np.abs(modular(raw - memory.raw, period)) <= limit)
+    used = np.where(good, raw, np.where(gone, np.nan, predicted))
+    new_last = np.where(good | stays, raw, np.where(np.isfinite(predicted), predicted, memory.last))
     # A bridged reading goes on with half the slope: a long gap must not run away.
-    slope = np.where(good, modular(reading - memory.last, period), np.where(stays, 0.0, 0.5 * memory.slope))
+    slope = np.where(good, modular(raw - memory.last, period), np.where(stays, 0.0, 0.5 * memory.slope))
     faults = []
     for s, j in np.argwhere(~good):
         code = FaultCode.SPIKE if np.isfinite(reading[s, j]) else FaultCode.NOT_FINITE
         action = Action.CONTROLLED_STOP if gone[s, j] else Action.REPORT
         faults.append(Fault(code, int(j), float(change[s, j]), float(limit[s, j]), action))
-    return used, Screen(new_last, slope, reading.copy(), np.where(stays, 0.0, bad)), faults
+    return used, Screen(new_last, slope, raw, np.where(stays, 0.0, bad)), faults
 
 
 @dataclass(frozen=True)
@@ -174,7 +182,7 @@ def disagree(
 
 @dataclass(frozen=True)
 class Redundancy:
-    """Memory of `redundancy`, arrays (n,): travel and integrals over it; `mean`, `ripple` of the last whole turn."""
+    """Memory of `redundancy`, arrays (n,): way since the start, integrals over it, results of the last whole turn."""
 
     angle: FloatArray
     travel: FloatArray
@@ -193,31 +201,38 @@ def first_redundancy(motor_shaft: FloatArray) -> Redundancy:
 def redundancy(
     residual: FloatArray, motor_shaft: FloatArray, gauge_angle: FloatArray, memory: Redundancy, limits: SensorLimits
 ) -> tuple[Redundancy, list[Fault]]:
-    """F09 and F10: `residual` (n,) N m = torque of the gauge minus torque of the twist, weighted by the motor's travel.
+    """F09 and F10: `residual` (n,) N m, torque of the gauge minus torque of the twist, over the motor's angle.
 
-    Over whole turns of the motor kinematic error and quantisation cancel in the mean; the 2 beta part reappears when a
-    branch of Hashimoto's bridge is open. At standstill nothing is observed, and nothing is called healthy.
+    Motion back takes away again what motion forth has added: the integral is one over the net way. Over whole turns of
+    the motor kinematic error and quantisation cancel in the mean; the 2 beta part reappears when a branch of
+    Hashimoto's bridge is open. At standstill nothing is observed, and nothing is called healthy.
     """
-    step = np.abs(motor_shaft - memory.angle)
+    step = motor_shaft - memory.angle
     if not (np.isfinite(step).all() and np.isfinite(residual).all()):
         return replace(first_redundancy(motor_shaft), mean=memory.mean, ripple=memory.ripple), []
     weight = residual * step
     twice = 2.0 * gauge_angle
     sums = memory.sums + np.stack([weight, weight * np.cos(twice), weight * np.sin(twice)])
     travel = memory.travel + step
-    whole = travel >= 2.0 * np.pi
+    whole = np.abs(travel) >= 2.0 * np.pi
     if not whole.any():
         return Redundancy(motor_shaft.copy(), travel, sums, memory.mean, memory.ripple), []
     safe = np.where(whole, travel, 1.0)
     mean = np.where(whole, sums[0] / safe, memory.mean)
-    ripple = np.where(whole, 2.0 * np.hypot(sums[1], sums[2]) / safe, memory.ripple)
+    ripple = np.where(whole, 2.0 * np.hypot(sums[1], sums[2]) / np.abs(safe), memory.ripple)
     faults = []
     for code, values, bounds in (
         (FaultCode.GAUGE_DRIFT, mean, limits.residual_limit),
         (FaultCode.GAUGE_BRANCH, ripple, limits.ripple_limit),
     ):
         faults += [
-            Fault(code, int(j), float(values[j]), float(bounds[j]), Action.CONTROLLED_STOP)
+            Fault(
+                code,
+                int(j),
+                float(values[j]),
+                float(bounds[j]),
+                Action.REPORT if np.abs(values[j]) <= STOP_SHARE * bounds[j] else Action.CONTROLLED_STOP,
+            )
             for j in np.flatnonzero(whole & ~(np.abs(values) <= bounds))
         ]
     kept = np.where(whole, 0.0, sums)

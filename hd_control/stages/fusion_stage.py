@@ -13,7 +13,7 @@ import numpy as np
 
 from hd_control.control.guard_limits import SafetyLimits
 from hd_control.core.blocks import Block, FloatArray
-from hd_control.core.faults import Fault
+from hd_control.core.faults import Action, Fault
 from hd_control.core.robot import Robot
 from hd_control.sensing import fusion
 from hd_control.sensing import sensor_monitors as monitors
@@ -92,7 +92,7 @@ class FusionStage(Stage):
         faults = [*faults, *rail, *frozen, *redundant]
         if faults:
             stops = apart | railed | stuck
-            stops[[fault.joint for fault in redundant]] = True
+            stops[[fault.joint for fault in redundant if fault.action is Action.CONTROLLED_STOP]] = True
             numbers[parts["joint_torque"]][stops] = np.nan
         return faults
 

@@ -240,8 +240,9 @@ def test_a_stop_stays_until_a_reset_that_all_agree_to():
     bench.guard.measured.joint_velocity = [0.0, 0.0]
     before = bench.guard.gate.last_torque.copy()
     assert bench.guard.reset() == [] and bench.guard.mode is Mode.ACTIVE
-    out, faults = bench.send(before)
-    assert out.tobytes() == before.tobytes() and faults == [], "no jump"
+    out, faults = bench.send(before + [700.0, 0.0])
+    assert out[0] == pytest.approx(before[0] + 670.0) and out[1] == before[1], "at the rate limit, from what was held"
+    assert [fault.code for fault in faults] == [FaultCode.RATE_LIMITED]
 
 
 def test_reset_after_a_ramp_and_reset_of_nothing():

@@ -1,0 +1,167 @@
+"""Small changes of the safety code, one at a time: does any of its tests notice? Also: which branches do they take?
+
+A mutant is made in the syntax tree, compiled into a fresh copy of the module, and put in the place of the real one in a
+process of its own, which runs the module's tests until the first failure. Nothing is written to the source tree.
+"""
+
+from __future__ import annotations
+
+import ast
+import copy
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+GATE, GUARD, SENSORS = (
+    "test/control/test_safety_gate.py",
+    "test/control/test_guard.py",
+    "test/sensing/test_sensor_monitors.py",
+)
+MODULES = {
+    "hd_control.control.safety_gate": GATE,
+    "hd_control.control.gate_limits": GATE,
+    "hd_control.control.guard": GUARD,
+    "hd_control.control.guard_limits": GUARD,
+    "hd_control.control.controlled_stop": GUARD,
+    "hd_control.control.adaptation_monitor": GUARD,
+    "hd_control.sensing.sensor_monitors": SENSORS,
+}
+COMPARE = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
+ARITHMETIC = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.BitAnd: ast.BitOr,
+              ast.BitOr: ast.BitAnd}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One change: the module, its line, what was done, and the changed source."""
+
+    module: str
+    line: int
+    change: str
+    source: str
+
+
+def path_of(module: str) -> Path:
+    """File of a module of this project."""
+    return ROOT.joinpath(*module.split(".")).with_suffix(".py")
+
+
+def _annotations(tree: ast.AST) -> set[int]:
+    """Nodes of type annotations: changing them changes nothing."""
+    found: set[int] = set()
+    for node in ast.walk(tree):
+        parts = [getattr(node, "annotation", None), getattr(node, "returns", None)]
+        found |= {id(inner) for part in parts if part is not None for inner in ast.walk(part)}
+    return found
+
+
+def _changes(node: ast.AST):  # type: ignore[no-untyped-def]
+    """Changed copies of one node, with words for each."""
+    if isinstance(node, ast.Compare) and type(node.ops[0]) in COMPARE:
+        new = copy.deepcopy(node)
+        new.ops[0] = COMPARE[type(node.ops[0])]()
+        yield f"{type(node.ops[0]).__name__} -> {type(new.ops[0]).__name__}", new
+    if isinstance(node, ast.BinOp) and type(node.op) in ARITHMETIC:
+        new = copy.deepcopy(node)
+        new.op = ARITHMETIC[type(node.op)]()
+        yield f"{type(node.op).__name__} -> {type(new.op).__name__}", new
+    if isinstance(node, ast.BoolOp):
+        new = copy.deepcopy(node)
+        new.op = ast.Or() if isinstance(node.op, ast.And) else ast.And()
+        yield "and <-> or", new
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.Not, ast.Invert)):
+        yield f"{type(node.op).__name__} removed", copy.deepcopy(node.operand)
+    if isinstance(node, ast.Constant) and isinstance(node.value, float | int) and not isinstance(node.value, bool):
+        yield f"{node.value} -> {node.value + 1}", ast.Constant(node.value + 1)
+    if isinstance(node, ast.Constant) and isinstance(node.value, bool):
+        yield f"{node.value} -> {not node.value}", ast.Constant(not node.value)
+    if isinstance(node, (ast.If, ast.IfExp)):
+        for value in (True, False):
+            new = copy.deepcopy(node)
+            new.test = ast.Constant(value)
+            yield f"condition -> {value}", new
+
+
+def mutants(module: str) -> list[Mutant]:
+    """Every mutant of a module, in the order of its lines."""
+    tree = ast.parse(path_of(module).read_text())
+    skipped, found = _annotations(tree), []
+    for parent in ast.walk(tree):
+        for field, value in ast.iter_fields(parent):
+            for place, node in enumerate(value) if isinstance(value, list) else [(None, value)]:
+                if not isinstance(node, ast.AST) or id(node) in skipped:
+                    continue
+                for words, new in _changes(node):
+                    _put(parent, field, place, new)
+                    found.append(
+                        Mutant(module, getattr(node, "lineno", 0), words, ast.unparse(ast.fix_missing_locations(tree)))
+                    )
+                    _put(parent, field, place, node)
+    return sorted(found, key=lambda mutant: (mutant.line, mutant.change))
+
+
+def _put(parent: ast.AST, field: str, place: int | None, node: ast.AST) -> None:
+    if place is None:
+        setattr(parent, field, node)
+    else:
+        getattr(parent, field)[place] = node
+
+
+RUNNER = """
+import importlib.abc, importlib.machinery, importlib.util, os, sys
+module, source = sys.argv[1], sys.stdin.read()
+class Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+    def find_spec(self, name, path, target=None):
+        if name != module:
+            return None
+        spec = importlib.util.spec_from_loader(name, self, origin=sys.argv[2])
+        spec.has_location = True
+        return spec
+    def create_module(self, spec):
+        return None
+    def exec_module(self, made):
+        made.__file__ = sys.argv[2]
+        code = compile(source, sys.argv[2], "exec")
+        getattr(__import__("builtins"), "exec")(code, made.__dict__)
+sys.meta_path.insert(0, Finder())
+import pytest
+sys.exit(pytest.main(["-q", "-x", "--no-header", "-p", "no:cacheprovider", "--tb=no", *sys.argv[3:]]))
+"""
+
+
+def notices(module: str, source: str, tests: list[str], seconds: float = 300.0) -> bool:
+    """Do the tests fail with this source in the place of the module?"""
+    command = [sys.executable, "-c", RUNNER, module, str(path_of(module)), *tests]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+    try:
+        done = subprocess.run(
+            command, input=source, text=True, cwd=ROOT, env=environment, capture_output=True, timeout=seconds
+        )
+    except subprocess.TimeoutExpired:
+        return True
+    return done.returncode == 1
+
+
+BRANCHED = (ast.If, ast.IfExp, ast.While)
+
+
+def with_probes(module: str, report: str) -> tuple[str, int]:
+    """The module's source with every condition reporting to a file how it ended; and how many conditions there are."""
+    tree = ast.parse(path_of(module).read_text())
+    count = 0
+    for node in ast.walk(tree):
+        if isinstance(node, BRANCHED):
+            node.test = ast.Call(ast.Name("_probe", ast.Load()), [ast.Constant(count), node.test], [])
+            count += 1
+    text = ast.unparse(ast.fix_missing_locations(tree))
+    head = (
+        "_seen = set()\ndef _probe(number, value):\n    key = (number, bool(value))\n    if key not in _seen:\n"
+        f"        _seen.add(key)\n        with open({report!r}, 'a') as file:\n"
+        "            file.write(f'{number} {bool(value)}\\n')\n"
+        "    return value\n"
+    )
+    future = "from __future__ import annotations"
+    return text.replace(future, future + "\n" + head, 1), count
