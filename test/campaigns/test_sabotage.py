@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import pytest
-
-ROOT = Path(__file__).resolve().parents[2]
 from bugs import BUGS
 from mutants import notices
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.parametrize(("name", "file", "old", "new", "test"), BUGS, ids=[bug[0].replace(" ", "_") for bug in BUGS])
