@@ -57,31 +57,8 @@ def make_table(records: Sequence[Record]) -> list[Row]:
     rows = [
         _share("no effect: false alarm", none, _flag("false_alarm")),
         _share("no effect: a name claimed", none, lambda r: bool(r["score"]["wrong"])),
-        _share("one effect: top 1", one, _flag("top_1")),
-        *(
-            _share(f"one effect, {step}: top 1", _step(one, step), _flag("top_1"))
-            for step in ("weak", "middle", "strong")
-        ),
-        _share("one effect: right name or its group", one, _flag("group")),
-        _share("one effect: exact", one, _flag("exact")),
-        _share("one effect: exact, nothing extra", one, _flag("clean")),
-        *(
-            _share(f"one effect, {s}: exact, nothing extra", _step(one, s), _flag("clean"))
-            for s in ("middle", "strong")
-        ),
-        _share(f"one effect, {CLEAR}: top 1", _clear(one), _flag("top_1")),
-        _share(
-            f"one effect, oracle gain {CLEAR_GAIN:g} nats or more: exact, nothing extra", _clear(one), _flag("clean")
-        ),
-        _share("two effects: both named", two, lambda r: not r["score"]["missed"]),
-        _share(
-            f"two effects, oracle gains {CLEAR_GAIN:g} nats or more: both named",
-            _clear(two),
-            lambda r: not r["score"]["missed"],
-        ),
-        _share("two effects: exact", two, _flag("exact")),
-        _share(f"two effects, {CLEAR}: exact", _clear(two), _flag("exact")),
-        _share("two effects: exact, nothing extra", two, _flag("clean")),
+        *_one_effect_rows(one),
+        *_two_effects_rows(two),
         _share("unknown: flagged", unknown, _flag("unknown_flagged")),
         _share("unknown: right variable", unknown, _flag("unknown_variable")),
         _share("unknown: right channel", unknown, _flag("unknown_channel")),
@@ -98,6 +75,31 @@ def make_table(records: Sequence[Record]) -> list[Row]:
         *_time_rows(records),
     ]
     return [row for row in rows if row.count]
+
+
+def _one_effect_rows(one: Sequence[Record]) -> list[Row]:
+    steps = [(f"one effect, {step}: top 1", _step(one, step)) for step in ("weak", "middle", "strong")]
+    clean = [(f"one effect, {s}: exact, nothing extra", _step(one, s)) for s in ("middle", "strong")]
+    return [
+        _share("one effect: top 1", one, _flag("top_1")),
+        *(_share(name, found, _flag("top_1")) for name, found in steps),
+        _share("one effect: right name or its group", one, _flag("group")),
+        _share("one effect: exact", one, _flag("exact")),
+        _share("one effect: exact, nothing extra", one, _flag("clean")),
+        *(_share(name, found, _flag("clean")) for name, found in clean),
+        _share(f"one effect, {CLEAR}: top 1", _clear(one), _flag("top_1")),
+        _share(f"one effect, {CLEAR}: exact, nothing extra", _clear(one), _flag("clean")),
+    ]
+
+
+def _two_effects_rows(two: Sequence[Record]) -> list[Row]:
+    return [
+        _share("two effects: both named", two, lambda r: not r["score"]["missed"]),
+        _share("two effects: exact", two, _flag("exact")),
+        _share("two effects: exact, nothing extra", two, _flag("clean")),
+        _share(f"two effects, {CLEAR}: both named", _clear(two), lambda r: not r["score"]["missed"]),
+        _share(f"two effects, {CLEAR}: exact", _clear(two), _flag("exact")),
+    ]
 
 
 def _asked_again(records: Iterable[Record]) -> list[Record]:

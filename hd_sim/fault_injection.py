@@ -113,6 +113,10 @@ class InjectedExceptionError(RuntimeError):
     """What a law raises on request of an injection."""
 
 
+def _raise() -> None:
+    raise InjectedExceptionError("injected")
+
+
 class FaultyRunner(Runner):
     """A runner whose inputs go through injections. `given` are the torques of the last gate, (n,) N m per tick."""
 
@@ -151,8 +155,13 @@ class FaultyRunner(Runner):
     def _stepped(self, tick: int, stage: Stage, bus: Bus) -> Bus:
         if not self._acts(tick, stage.wiring.name, "exception"):
             return stage.step(tick, bus)
-        stage.emergency()
-        return stage.step(tick, bus) if stage is self.torque else {}
+        if stage is not self.torque:
+            return {}  # the node's loop ends its turn: silence
+        stage.advance = _raise  # type: ignore[method-assign]
+        try:
+            return stage.step(tick, bus)
+        finally:
+            del stage.advance
 
     def _acts(self, tick: int, target: str, kind: str) -> bool:
         return any(i.target == target and i.kind == kind and i.on(tick) for i in self.injections)

@@ -129,7 +129,7 @@ class Dictionary:
     def with_base(self, equations: JointEquations, channel: str) -> Dictionary:
         """The same with the base columns that `equations` has for one channel, whose scale is 1."""
         part = replace(self.rows[channel], channel=equations.channels[channel])
-        rows = {n: replace(p, columns=p.columns * self.norm[p.index]) for n, p in (self.rows | {channel: part}).items()}
+        rows = {n: replace(p, columns=p.columns * self.norm[p.index]) for n, p in {**self.rows, channel: part}.items()}
         white = part.weight[:, None] * part.noise.whiten(part.channel.base_matrix)[part.usable]
         own = base_of(part.channel, self.base_names)
         place = [int(np.flatnonzero(part.index == i)[0]) for i in own]

@@ -99,7 +99,7 @@ class Fit:
             return float("inf")
         unit = (index == i).astype(float)
         deviation = float(np.sqrt(unit @ np.linalg.solve(left, unit))) / self.dictionary.norm[i]
-        return 1.96 * deviation / abs(float(self.coefficients[i]))
+        return float(1.96 * deviation / abs(self.coefficients[i]))
 
     @property
     def damping_time(self) -> float:

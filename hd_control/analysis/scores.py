@@ -128,7 +128,8 @@ class Scores:
                 rows = part.fold == fold
                 error = part.left[rows] - x[rows] @ scaled[fold, part.index[mine]]
                 np.add.at(losses, part.block[rows], 0.5 * error**2)
-        losses[losses > 0.0] += 0.5 * float(np.mean(c**2 @ self._prior[index])) / max(1, np.count_nonzero(losses))
+        prior = 0.5 * float(np.mean(c**2 @ self._prior[index]))
+        losses[losses > 0.0] += prior / max(1, int(np.count_nonzero(losses)))
         return losses
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from hd_control.drive.model import Model
 
 NAME = "report"
-HELP = "one self-contained page: verdict in plain words, overlay, condition maps, orders, ladder, parameters"
+HELP = "one self-contained page: verdict in plain words, pictures, ladder, parameters"
 EXAMPLE = "hd report bags/run1 --model arm_a.yaml --model better.yaml --held-out bags/run2 -o run1.html --png pictures"
 
 
