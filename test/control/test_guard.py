@@ -363,3 +363,27 @@ def test_f34_small_errors_missing_bounds_and_missing_readings_do_not_count():
     params.coulomb_torque_low = params.coulomb_torque_high = 1.0
     free, _ = watchers.watch(memory, state, params, sample, reference, limits().guard, 0.01)
     assert free.time_at_bound.tolist() == [0.0, 0.0], "a fixed estimate is not at a bound"
+
+
+def test_twenty_rate_excesses_without_a_motor_position_become_a_ramp():
+    bench = Bench()
+    bench.guard.measured.motor_position = math.nan
+    for k in range(25):
+        out, _ = bench.send([1200.0 if k % 2 else -1200.0, -7.0])
+        if bench.guard.stopped:
+            break
+    assert k == 19 and bench.guard.mode is Mode.STOPPED and not bench.guard.controlled and abs(out[0]) < 670.0
+
+
+def test_a_reset_while_inactive_does_not_activate():
+    bench = Bench()
+    bench.send(demands=[demand(Action.TORQUE_RAMP)])
+    bench.guard.deactivate()
+    for _ in range(600):
+        bench.send()
+    assert bench.guard.reset() == [] and bench.guard.mode is Mode.INACTIVE
+    assert bench.send()[0].tolist() == [0.0, 0.0]
+
+
+def test_f01_a_tenth_is_forgiven_exactly():
+    assert watchers.lost_ticks(0, 0.1, limits())[0] == 0.0 and watchers.lost_ticks(1, 0.1, limits())[0] == 1.0

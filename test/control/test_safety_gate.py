@@ -266,6 +266,14 @@ class TestReset:
         out, state, _ = send(sg.safety_gate, [30.0, 0.0, 0.0], state)
         assert out[0] == 10.0 and state.stopped == 0.0, "torque comes back at the rate limit"
 
+    def test_granted_at_exactly_the_standstill_velocity_and_time_to_catch_up_is_given(self):
+        measured = sg.new_measured(N)
+        measured.joint_velocity = [0.01, -0.01, 0.0]
+        state, reasons = sg.reset(self.stopped(), measured, limits())
+        assert reasons == [] and state.catch_up.tolist() == [20.0, 25.0, 58.0]
+        closed, _ = sg.reset(sg.deactivate(self.stopped()), measured, limits())
+        assert closed.catch_up.tolist() == [0.0, 0.0, 0.0] and closed.active == 0.0
+
     def test_refused_one_healthy_sample_short(self):
         before = self.stopped(healthy=4)
         state, reasons = sg.reset(before, sg.new_measured(N), limits())
@@ -327,6 +335,8 @@ def test_shipped_limits_and_their_refusals():
     bounds = gate_limits.configure(values, DT)
     assert bounds.torque_step.tolist() == pytest.approx([670, 670, 670, 260, 70, 70, 30])
     assert bounds.age_limit == 10 and bounds.rate_excess_limit == 20
+    small = gate_limits.configure(values | {"motor_torque_limit": [0.5] * 7, "age_limit_samples": 1}, DT)
+    assert small.torque_limit.tolist() == [0.5] * 7 and small.age_limit == 1
     for name, bad in [
         ("motor_torque_limit", [0.0] * 7),
         ("motor_torque_rate_limit", [math.nan] * 7),

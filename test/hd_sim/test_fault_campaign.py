@@ -57,6 +57,19 @@ def test_f04_a_command_that_is_not_finite_stops_at_once():
     assert verdict.stop_tick == 401 and verdict.problems == []
 
 
+@pytest.mark.parametrize(
+    "name", ["motor_position", "motor_velocity", "joint_position", "joint_velocity", "joint_torque"]
+)
+def test_f04_an_infinite_input_of_the_torque_law_stops_whatever_the_law_makes_of_it(name):
+    """A law that clips its torque would turn infinity into the largest torque."""
+    runner = FaultyRunner(RunSetup(PlantConfig.from_file("single_joint_5"), 1), [], 1)
+    for _ in range(150):
+        runner.step()
+    runner.torque.sample.view(name)[0] = math.inf
+    runner.torque.act(runner.tick)
+    assert runner.torque.guard.stopped and runner.torque.faults.first_stop.code is FaultCode.NOT_FINITE
+
+
 def test_f05_one_spike_changes_nothing_but_the_report():
     verdict = run_case(case("resolver", "wrong", 1, magnitude=50.0))
     assert verdict.stop_tick == -1 and verdict.problems == []

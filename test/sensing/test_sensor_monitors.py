@@ -82,6 +82,10 @@ def test_f05_a_jump_that_stays_stops_once_and_is_taken_over():
     assert [len(faults) for _, faults in found] == [1, 1, 1, 0, 0]
     assert math.isnan(found[2][0][1, 1]) and found[3][0][1, 1] == -2.5
     assert found[2][1][0].action is Action.CONTROLLED_STOP
+    again = screened(
+        [reading()] + [reading(resolver_1=-2.5)] * 3 + [reading(resolver_1=-9.0), reading(resolver_1=-7.0)]
+    )
+    assert [faults[0].action for _, faults in again[3:]] == [Action.REPORT] * 2, "the count begins anew"
 
 
 def test_f05_a_run_of_different_nonsense_goes_on_stopping():
