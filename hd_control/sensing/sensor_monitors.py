@@ -8,6 +8,7 @@ stays is taken over after it has stopped the robot, so that nothing is rejected 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +20,8 @@ from hd_control.core.faults import Action, Fault, FaultCode
 BoolArray = NDArray[np.bool_]
 ENCODER, RESOLVER, GAUGE = range(3)
 RAIL_SHARE = 0.99
+LONGEST_WAY = 2.5 * math.pi
+"""rad of the motor shaft within which a net turn must come about."""
 STOP_SHARE = 2.0
 """Residuals above their limit are reported, above this many times their limit they stop the robot."""
 MOVED_COUNTS = 5.0
@@ -195,7 +198,7 @@ def first_redundancy(motor_shaft: FloatArray) -> Redundancy:
     """Nothing observed yet: `mean` and `ripple` are not a number until the motor has made a turn."""
     n = motor_shaft.size
     nothing = np.full(n, np.nan)
-    return Redundancy(motor_shaft.copy(), np.zeros(n), np.zeros((3, n)), nothing, nothing.copy())
+    return Redundancy(motor_shaft.copy(), np.zeros(n), np.zeros((4, n)), nothing, nothing.copy())
 
 
 def redundancy(
@@ -203,18 +206,23 @@ def redundancy(
 ) -> tuple[Redundancy, list[Fault]]:
     """F09 and F10: `residual` (n,) N m, torque of the gauge minus torque of the twist, over the motor's angle.
 
-    Motion back takes away again what motion forth has added: the integral is one over the net way. Over whole turns of
-    the motor kinematic error and quantisation cancel in the mean; the 2 beta part reappears when a branch of
-    Hashimoto's bridge is open. At standstill nothing is observed, and nothing is called healthy.
+    Motion back takes away again what motion forth has added: the integral is one over the net way, and a turn counts
+    only if the way was not much longer. Over whole turns of the motor kinematic error and quantisation cancel in the
+    mean; the 2 beta part reappears when a branch of Hashimoto's bridge is open. At standstill nothing is observed, and
+    nothing is called healthy.
     """
     step = motor_shaft - memory.angle
     if not (np.isfinite(step).all() and np.isfinite(residual).all()):
         return replace(first_redundancy(motor_shaft), mean=memory.mean, ripple=memory.ripple), []
     weight = residual * step
     twice = 2.0 * gauge_angle
-    sums = memory.sums + np.stack([weight, weight * np.cos(twice), weight * np.sin(twice)])
+    sums = memory.sums + np.stack([weight, weight * np.cos(twice), weight * np.sin(twice), np.abs(step)])
     travel = memory.travel + step
     whole = np.abs(travel) >= 2.0 * np.pi
+    # Much motion to and fro adds the hysteresis of every loop: what is summed begins anew.
+    astray = ~whole & (sums[3] > LONGEST_WAY)
+    if astray.any():
+        travel, sums = np.where(astray, 0.0, travel), np.where(astray, 0.0, sums)
     if not whole.any():
         return Redundancy(motor_shaft.copy(), travel, sums, memory.mean, memory.ripple), []
     safe = np.where(whole, travel, 1.0)

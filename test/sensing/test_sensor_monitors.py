@@ -221,3 +221,15 @@ def test_f09_f10_each_turn_counts_anew_and_a_gap_begins_anew():
         empty, faults = m.redundancy(residual, shaft, NOTHING, half, LIMITS)
         assert faults == [] and empty.travel.tolist() == [0.0, 0.0] and not empty.sums.any()
         assert np.array_equal(empty.mean, half.mean, equal_nan=True)
+
+
+def test_f10_motion_to_and_fro_is_no_turn():
+    """A hysteresis of 8 N m swung to and fro adds up to any mean; only a way without detours counts."""
+    memory, place, seen = m.first_redundancy(NOTHING), 0.0, []
+    for k in range(4000):
+        step = 0.02 if (k // 100) % 2 == 0 else -0.018
+        place += step
+        shaft = np.array([place, place])
+        memory, faults = m.redundancy(NOTHING + math.copysign(8.0, step), shaft, shaft, memory, LIMITS)
+        seen += faults
+    assert seen == [] and np.isnan(memory.mean).all() and np.all(memory.sums[3] <= m.LONGEST_WAY)
