@@ -22,6 +22,8 @@ ENCODER, RESOLVER, GAUGE = range(3)
 RAIL_SHARE = 0.99
 LONGEST_WAY = 2.5 * math.pi
 """rad of the motor shaft within which a net turn must come about."""
+LARGEST_STEP = 0.3
+"""rad of the motor shaft between two looks: an integral over 4 beta needs ten looks per period."""
 STOP_SHARE = 2.0
 """Residuals above their limit are reported, above this many times their limit they stop the robot."""
 MOVED_COUNTS = 5.0
@@ -188,6 +190,7 @@ class Redundancy:
     """Memory of `redundancy`, arrays (n,): way since the start, integrals over it, results of the last whole turn."""
 
     angle: FloatArray
+    terms: FloatArray
     travel: FloatArray
     sums: FloatArray
     mean: FloatArray
@@ -198,7 +201,8 @@ def first_redundancy(motor_shaft: FloatArray) -> Redundancy:
     """Nothing observed yet: `mean` and `ripple` are not a number until the motor has made a turn."""
     n = motor_shaft.size
     nothing = np.full(n, np.nan)
-    return Redundancy(motor_shaft.copy(), np.zeros(n), np.zeros((4, n)), nothing, nothing.copy())
+    sums = np.zeros((4, n))
+    return Redundancy(motor_shaft.copy(), np.full((3, n), np.nan), np.zeros(n), sums, nothing, nothing.copy())
 
 
 def redundancy(
@@ -206,42 +210,43 @@ def redundancy(
 ) -> tuple[Redundancy, list[Fault]]:
     """F09 and F10: `residual` (n,) N m, torque of the gauge minus torque of the twist, over the motor's angle.
 
-    Motion back takes away again what motion forth has added: the integral is one over the net way, and a turn counts
-    only if the way was not much longer. Over whole turns of the motor kinematic error and quantisation cancel in the
-    mean; the 2 beta part reappears when a branch of Hashimoto's bridge is open. At standstill nothing is observed, and
-    nothing is called healthy.
+    Integrated by trapezoids over the net way: motion back takes away again what motion forth has added, and a turn
+    counts only if the way was not much longer. Over whole turns of the motor kinematic error and quantisation cancel in
+    the mean; the 2 beta part reappears when a branch of Hashimoto's bridge is open. At standstill nothing is observed,
+    and nothing is called healthy.
     """
     step = motor_shaft - memory.angle
     if not (np.isfinite(step).all() and np.isfinite(residual).all()):
         return replace(first_redundancy(motor_shaft), mean=memory.mean, ripple=memory.ripple), []
-    weight = residual * step
     twice = 2.0 * gauge_angle
-    sums = memory.sums + np.stack([weight, weight * np.cos(twice), weight * np.sin(twice), np.abs(step)])
+    terms = np.stack([residual, residual * np.cos(twice), residual * np.sin(twice)])
+    before = np.where(np.isnan(memory.terms), terms, memory.terms)
+    sums = memory.sums + np.vstack([0.5 * (before + terms) * step, np.abs(step)])
     travel = memory.travel + step
     whole = np.abs(travel) >= 2.0 * np.pi
-    # Much motion to and fro adds the hysteresis of every loop: what is summed begins anew.
-    astray = ~whole & (sums[3] > LONGEST_WAY)
-    if astray.any():
-        travel, sums = np.where(astray, 0.0, travel), np.where(astray, 0.0, sums)
-    if not whole.any():
-        return Redundancy(motor_shaft.copy(), travel, sums, memory.mean, memory.ripple), []
-    safe = np.where(whole, travel, 1.0)
-    mean = np.where(whole, sums[0] / safe, memory.mean)
-    ripple = np.where(whole, 2.0 * np.hypot(sums[1], sums[2]) / np.abs(safe), memory.ripple)
+    # Motion to and fro adds the hysteresis of every loop, fast motion steps over the ripple: the sums begin anew.
+    astray = (~whole & (sums[3] > LONGEST_WAY)) | (np.abs(step) > LARGEST_STEP)
+    whole &= ~astray
+    mean, ripple, faults = memory.mean, memory.ripple, []
+    if whole.any():
+        way = np.where(whole, travel, 1.0)
+        mean = np.where(whole, sums[0] / way, mean)
+        ripple = np.where(whole, 2.0 * np.hypot(sums[1], sums[2]) / np.abs(way), ripple)
+        faults = _judge_turn(whole, mean, ripple, limits)
+    over = whole | astray
+    if over.any():
+        travel, sums = np.where(over, 0.0, travel), np.where(over, 0.0, sums)
+    return Redundancy(motor_shaft.copy(), terms, travel, sums, mean, ripple), faults
+
+
+def _judge_turn(whole: BoolArray, mean: FloatArray, ripple: FloatArray, limits: SensorLimits) -> list[Fault]:
+    """Faults of the joints that have just made a whole turn."""
     faults = []
     for code, values, bounds in (
         (FaultCode.GAUGE_DRIFT, mean, limits.residual_limit),
         (FaultCode.GAUGE_BRANCH, ripple, limits.ripple_limit),
     ):
-        faults += [
-            Fault(
-                code,
-                int(j),
-                float(values[j]),
-                float(bounds[j]),
-                Action.REPORT if np.abs(values[j]) <= STOP_SHARE * bounds[j] else Action.CONTROLLED_STOP,
-            )
-            for j in np.flatnonzero(whole & ~(np.abs(values) <= bounds))
-        ]
-    kept = np.where(whole, 0.0, sums)
-    return Redundancy(motor_shaft.copy(), np.where(whole, 0.0, travel), kept, mean, ripple), faults
+        for j in np.flatnonzero(whole & ~(np.abs(values) <= bounds)):
+            action = Action.REPORT if np.abs(values[j]) <= STOP_SHARE * bounds[j] else Action.CONTROLLED_STOP
+            faults.append(Fault(code, int(j), float(values[j]), float(bounds[j]), action))
+    return faults

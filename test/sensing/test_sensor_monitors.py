@@ -233,3 +233,9 @@ def test_f10_motion_to_and_fro_is_no_turn():
         memory, faults = m.redundancy(NOTHING + math.copysign(8.0, step), shaft, shaft, memory, LIMITS)
         seen += faults
     assert seen == [] and np.isnan(memory.mean).all() and np.all(memory.sums[3] <= m.LONGEST_WAY)
+
+
+def test_f09_f10_fast_motion_is_not_observed():
+    for steps, observed in ((23, True), (21, False)):
+        memory, faults = turn(lambda beta: np.array([15.0, 9.0]), turns=1.05, steps=steps)
+        assert np.isfinite(memory.mean).all() == observed and bool(faults) == observed
