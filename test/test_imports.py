@@ -54,6 +54,14 @@ ALLOWED: dict[str, set[str]] = {
     "hd_sim.drive_bag": {"hd_control.core", "hd_control.record", "hd_sim"},
     # A campaign asks the diagnosis and scores the answer; nothing else of the world knows that there is one.
     "hd_sim.campaign_ask": {"hd_control.core", "hd_control.drive", "hd_control.analysis", "hd_sim"},
+    # A fault stands between the stages of the runner, at their inputs; it must know what travels there.
+    "hd_sim.fault_injection": {
+        "hd_control.core",
+        "hd_control.control.trajectory",
+        "hd_control.stages.stage",
+        "hd_control.stages.topics",
+        "hd_sim",
+    },
     "hd_sim.world": {"hd_control.core", "hd_control.control.guard_limits", "hd_control.stages", "hd_sim"},
     # The seam stands for the drive's electronics, whose own gate is the last one before the motor.
     "hd_sim.drive_seam": {
