@@ -37,6 +37,6 @@ def _move(runner, origin, random):
     start = runner.motion.follower.at(runner.motion.tick).position
     end = origin + random.uniform(-0.15, 0.15, origin.size)
     distance = float(np.abs(end - start).max())
-    speed = float(10.0 ** random.uniform(-2.0, 0.0) * 0.8 * np.sqrt(2.0 * max(distance, 0.01)))
+    speed = float(10.0 ** random.uniform(-2.0, 0.0) * 0.8 * np.sqrt(2.0 * distance))
     runner.offer(replace(quintic_move(runner.robot.joint_names, start, end, max(speed, 0.01)), start_tick=None))
     return runner.tick + 100 + round(1.875 * distance / max(speed, 0.01) / runner.period)
