@@ -185,6 +185,13 @@ class Session:
         """The newest diagnostics of a node as texts, with `level` and `message`; empty before the first."""
         return dict(self.client.diagnostics.get(self._path(node), {}))
 
+    def fresh_diagnostics(self, node: str, timeout: float = CALL_TIMEOUT) -> dict[str, str]:
+        """Diagnostics that were made after this call, also when nothing in them has changed since."""
+        heard, path = self.client.diagnostics_heard, self._path(node)
+        wanted = heard.get(path, 0) + 2  # the next may have been on its way already
+        self._wait(lambda: heard.get(path, 0) >= wanted, timeout, f"no new diagnostics of {node}")
+        return self.diagnostics(node)
+
     def stay(self, ticks: int = 0) -> None:
         """Returns after `ticks` more ticks of the plant; 0: never. Raises HdError if a node ends."""
         first: int | None = None

@@ -48,6 +48,7 @@ class SessionClient:
         )
         self.tick = -1
         self.diagnostics: dict[str, dict[str, str]] = {}
+        self.diagnostics_heard: dict[str, int] = {}
         self.answers: list[str] = []
         self._clients: dict[tuple[Any, str], Any] = {}
         for plant in ("plant_node", "chain"):
@@ -154,6 +155,7 @@ class SessionClient:
         for status in message.status:
             values = {pair.key: pair.value for pair in status.values}
             self.diagnostics[status.name] = values | {"level": str(status.level[0]), "message": status.message}
+            self.diagnostics_heard[status.name] = self.diagnostics_heard.get(status.name, 0) + 1
 
 
 def _plain(value: Any) -> Any:

@@ -67,7 +67,8 @@ def states_of(**fields: Any) -> DriveStates:
     numbers = {"period": 1e-3, "gear_ratio": 1.0, "torque_scale": 1.0, "torsional_compliance": 0.0}
     given = {name: np.asarray(value, dtype=float) for name, value in fields.items() if name not in numbers}
     size = max((len(np.atleast_1d(value)) for value in given.values()), default=1)
-    names = [n for n in DriveStates.__dataclass_fields__ if n not in numbers and not n.endswith(("_regressor", "spring_torque"))]
+    apart = ("_regressor", "spring_torque")
+    names = [n for n in DriveStates.__dataclass_fields__ if n not in numbers and not n.endswith(apart)]
     arrays = {name: np.zeros(size) for name in names}
     for name, value in given.items():
         arrays[name] = (

@@ -54,10 +54,7 @@ def test_a_model_ramps_into_running_nodes(nodes, tmp_path, capsys):
         names = [f"{prefix}{name}" for name in ("kinematic_sine_2", "coulomb_torque_initial", "kinematic_feedforward")]
         found = session.get_parameters(node, names)
         assert found[names[0]][2] == 2e-4 and found[names[1]][2] == 18.0 and found[names[2]] is True
-        session.wait_for(lambda: "coulomb_torque" in session.diagnostics(node), 10.0, "no diagnostics")
-        before = session.diagnostics(node)
-        session.wait_for(lambda: session.diagnostics(node) != before, 10.0, "no new diagnostics")
-        said = session.diagnostics(node)
+        said = session.fresh_diagnostics(node)
         assert said["gate_stopped"] == "False"
         assert float(said["coulomb_torque"].split()[2]) == 18.0
     assert set(session.exit_codes.values()) == {0}, session.exit_codes
