@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 PADDING_S = 2.4
 STEPS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 24, 30)
+COLUMNS_AT_ONCE = 16
+"""Columns that are filtered together: few enough that their spectra stay in the cache."""
 EDGE_S = 0.5
 """s cut at both ends of a recording: there the filters have seen the reflection."""
 
@@ -63,27 +66,32 @@ class Spectral:
         """Hz of the bins, (length // 2 + 1,)."""
         return np.asarray(np.fft.rfftfreq(self._length, self.period))
 
-    def transform(self, signal: FloatArray) -> tuple[NDArray[np.complex128], FloatArray]:
-        """Spectrum (bins, k) and trend (2, k) of signals (n,) or (n, k) without gaps."""
+    def transform(
+        self, signal: FloatArray, precision: type[np.floating[Any]] = np.float64
+    ) -> tuple[NDArray[np.complexfloating[Any, Any]], FloatArray]:
+        """Spectrum (k, bins) and trend (2, k) of signals (n,) or (n, k) without gaps."""
         from scipy.fft import rfft
 
-        x = signal.reshape(self.samples, -1)
-        pad = self._pad
-        padded = np.empty((self._length, x.shape[1]))
-        end = pad + self.samples
-        padded[pad:end] = x
-        padded[:pad] = 2.0 * x[0] - x[pad:0:-1]
-        padded[end : end + pad] = 2.0 * x[-1] - x[-2 : -pad - 2 : -1] if pad else x[:0]
-        first, last = padded[0].copy(), padded[end + pad - 1].copy()
+        x = signal.reshape(self.samples, -1).T
+        pad, end = self._pad, self._pad + self.samples
+        start, stop = x[:, :1], x[:, -1:]
+        first = 2.0 * start - x[:, pad : pad + 1]
+        last = 2.0 * stop - x[:, -pad - 1 : self.samples - pad] if pad else stop
         slope = (last - first) / max(1, end + pad - 1)
-        padded[: end + pad] -= first + slope * np.arange(end + pad)[:, None]
-        padded[end + pad :] = 0.0
-        trend = np.stack([first + slope * pad, slope / self.period])
-        return rfft(padded, axis=0, overwrite_x=True), trend
+        padded = np.zeros((x.shape[0], self._length), dtype=precision)
+        np.subtract(x, first, out=padded[:, pad:end], casting="same_kind")
+        np.subtract(2.0 * start - first, x[:, pad:0:-1], out=padded[:, :pad], casting="same_kind")
+        tail = x[:, -2 : -pad - 2 : -1] if pad else x[:, :0]
+        np.subtract(2.0 * stop - first, tail, out=padded[:, end : end + pad], casting="same_kind")
+        ramp = np.arange(end + pad, dtype=precision)
+        for row, rise in zip(padded, slope[:, 0].astype(precision), strict=True):
+            row[: end + pad] -= rise * ramp
+        trend = np.stack([(first + slope * pad)[:, 0], slope[:, 0] / self.period])
+        return rfft(padded, axis=1, overwrite_x=True), trend
 
     def back(
         self,
-        spectrum: NDArray[np.complex128],
+        spectrum: NDArray[np.complexfloating[Any, Any]],
         trend: FloatArray,
         band: Band,
         derivative: int = 0,
@@ -98,18 +106,18 @@ class Spectral:
         length = self._length // band.step
         bins = length // 2 + 1
         frequency = self.frequency[:bins]
-        gain = band.gain(frequency) * (2j * np.pi * frequency) ** derivative
+        gain = band.gain(frequency) * (2j * np.pi * frequency) ** derivative / band.step
         if factor is not None:
             gain = gain * factor[:bins]
-        x = irfft(spectrum[:bins] * gain[:, None], length, axis=0) / band.step
         start, rows = self._pad // band.step, self.rows(band)
-        x = x[start : start + rows]
+        shaped = spectrum[:, :bins] * gain.astype(spectrum.dtype)
+        x = irfft(shaped, length, axis=1, overwrite_x=True)[:, start : start + rows].astype(np.float64)
         if derivative == 0:
             delay = 0.0 if factor is None else _group_delay(factor, self.frequency)
-            x += trend[0] + trend[1] * (band.step * self.period * np.arange(rows) - delay)[:, None]
+            x += trend[0, :, None] + trend[1, :, None] * (band.step * self.period * np.arange(rows) - delay)
         elif derivative == 1:
-            x += trend[1]
-        return np.asarray(x)
+            x += trend[1, :, None]
+        return np.asarray(x.T)
 
     def filter(
         self,
@@ -121,6 +129,17 @@ class Spectral:
         """`back(transform(signal))` in the shape of `signal`: (rows,) or (rows, k)."""
         x = self.back(*self.transform(signal), band, derivative, factor)
         return x[:, 0] if signal.ndim == 1 else x
+
+    def filter_columns(self, columns: FloatArray, band: Band) -> FloatArray:
+        """`filter` of many columns (n, k) -> (rows, k), a few at a time, in single precision.
+
+        The error, 1e-7 of a column's size, is far below what a column has to explain.
+        """
+        found = np.empty((self.rows(band), columns.shape[1]))
+        for at in range(0, columns.shape[1], COLUMNS_AT_ONCE):
+            part = slice(at, at + COLUMNS_AT_ONCE)
+            found[:, part] = self.back(*self.transform(columns[:, part], np.float32), band)
+        return found
 
     def rows(self, band: Band) -> int:
         """Number of samples that a band keeps."""

@@ -63,7 +63,7 @@ class Channel:
 
     def rows_of(self, columns: FloatArray) -> FloatArray:
         """Columns (n, k) at the rate of the recording -> (rows, k), filtered as the left side is."""
-        return self.spectral.filter(columns, self.band)
+        return self.spectral.filter_columns(columns, self.band)
 
     @property
     def base_matrix(self) -> FloatArray:

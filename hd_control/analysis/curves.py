@@ -34,7 +34,7 @@ def splines(x: FloatArray, knots: FloatArray) -> FloatArray:
 
     inside = np.clip(x, knots[0], knots[-1])
     full = np.concatenate([np.repeat(knots[0], 3), knots, np.repeat(knots[-1], 3)])
-    return np.asarray(BSpline.design_matrix(inside, full, 3).toarray())
+    return np.asarray(BSpline.design_matrix(inside, full, 3).toarray(order="F"))
 
 
 def quantile_knots(x: FloatArray, count: int) -> FloatArray:

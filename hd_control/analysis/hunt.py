@@ -15,7 +15,7 @@ import numpy as np
 from hd_control.analysis.cancelling import without_cancelling
 from hd_control.analysis.channels import JointEquations
 from hd_control.analysis.curves import Curve, curves, misread
-from hd_control.analysis.dictionary import Dictionary, build
+from hd_control.analysis.dictionary import Dictionary, base_of, build
 from hd_control.analysis.fit import Fit
 from hd_control.analysis.groups import Candidate, Group, curve_candidates, library_candidates
 from hd_control.analysis.joint_states import BoolArray
@@ -100,11 +100,11 @@ class Chase:
     search: Search
 
     def __init__(self, task: Task, dictionary: Dictionary) -> None:
-        self.task, self.dictionary = task, dictionary
-        self._renew()
+        self.task = task
+        self._renew(Scores(dictionary))
 
-    def _renew(self, scores: Scores | None = None) -> None:
-        self.scores = Scores(self.dictionary) if scores is None else scores
+    def _renew(self, scores: Scores) -> None:
+        self.dictionary, self.scores = scores.dictionary, scores
         self.search = Search(self.dictionary, self.scores, self.task.thresholds)
 
     def fit(self, selection: Selection) -> Fit:
@@ -117,8 +117,7 @@ class Chase:
         if all(abs(value - 1.0) < SCALE_TOLERANCE for value in scales.values()):
             return selection
         safe = {name: value if 0.2 < value < 5.0 else 1.0 for name, value in scales.items()}
-        self.dictionary = self.dictionary.rescaled(safe)
-        self._renew()
+        self._renew(self.scores.moved(self.dictionary.rescaled(safe), columns=safe))
         return selection
 
     def mend_noise(self, selection: Selection) -> bool:
@@ -130,8 +129,8 @@ class Chase:
         }
         factors = {name: min(factor, float(most[name])) for name, factor in found.items() if factor > LOUDER}
         if factors:
-            self.dictionary = self.dictionary.louder(factors)
-            self._renew()
+            quieter = {name: 1.0 / factor for name, factor in factors.items()}
+            self._renew(self.scores.moved(self.dictionary.louder(factors), columns=quieter, left=quieter))
             self.rescale(())
         return bool(factors)
 
@@ -139,8 +138,7 @@ class Chase:
         """Leaves out the rows at which a selected law does not say how it acts."""
         blind = blind_rows(self.dictionary, selection)
         if blind:
-            self.dictionary = self.dictionary.without_rows(blind)
-            self._renew()
+            self._renew(self.scores.moved(self.dictionary.without_rows(blind), fresh=blind))
             self.rescale(())
         return bool(blind)
 
@@ -181,8 +179,7 @@ class Chase:
         better = refine(self.dictionary, self.scores, selection)
         better |= self._stiffer(selection, better)
         if better:
-            self.dictionary = self.dictionary.with_candidates(list(better.values()))
-            self._renew(self.scores.extended(self.dictionary))
+            self._renew(self.scores.extended(self.dictionary.with_candidates(list(better.values()))))
             fresh = dict(zip(better, self.dictionary.groups[-len(better) :], strict=True))
             selection = tuple(fresh.get(group.name, group) for group in selection)
         return self.rescale(selection), bool(better) or damped
@@ -194,8 +191,9 @@ class Chase:
         if not np.isfinite(damping) or abs(damping - equations.channels[TRANSMISSION].damping_time) < DAMPING_TOLERANCE:
             return False
         damping = float(np.clip(damping, 0.0, LONGEST_DAMPING))
-        self.dictionary = self.dictionary.with_base(with_damping(equations, damping), TRANSMISSION)
-        self._renew()
+        dictionary = self.dictionary.with_base(with_damping(equations, damping), TRANSMISSION)
+        own = base_of(dictionary.rows[TRANSMISSION].channel, dictionary.base_names)
+        self._renew(self.scores.moved(dictionary, replaced={TRANSMISSION: own}))
         return True
 
     def _stiffer(self, selection: Selection, better: Mapping[str, Candidate]) -> dict[str, Candidate]:
@@ -226,8 +224,7 @@ class Chase:
         """One effect on several channels in place of several on one each, where that is as good."""
         better, scales = merged(self.search, selection)
         if better is not selection:
-            self.dictionary = self.dictionary.rescaled(scales)
-            self._renew()
+            self._renew(self.scores.moved(self.dictionary.rescaled(scales), columns=scales))
             self.rescale(better)
         return better
 

@@ -10,6 +10,8 @@ from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.joint_states import BoolArray
 
 ORDER = 16
+WHITEN_ROWS = 64
+"""Rows that are whitened by one product of matrices."""
 SPEED_BINS = 8
 LEVELS = (0.4, 3.0)
 
@@ -30,9 +32,16 @@ class Noise:
 
     def whiten(self, rows: FloatArray) -> FloatArray:
         """Whitened rows (n,) or (n, k); the first ORDER rows are not usable."""
-        out = rows / self.scale
-        for lag, weight in enumerate(self.lags, 1):
-            out[lag:] += (weight / self.scale) * rows[:-lag]
+        out = np.empty_like(rows)
+        weights = np.concatenate([self.lags[::-1], [1.0]]) / self.scale
+        order, step = self.lags.size, WHITEN_ROWS
+        filters = np.zeros((step, step + order))
+        for i in range(step):
+            filters[i, i : i + order + 1] = weights
+        out[:order] = rows[:order] / self.scale
+        for start in range(order, len(rows), step):
+            block = rows[start - order : start + step]
+            out[start : start + step] = filters[: len(block) - order, : len(block)] @ block
         return np.asarray(out)
 
     def level(self, velocity: FloatArray) -> FloatArray:

@@ -6,64 +6,112 @@ A prior of a base coefficient counts as one more measurement, spread over the fo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from hd_control.analysis.bands import FloatArray
-from hd_control.analysis.dictionary import Dictionary
+from hd_control.analysis.dictionary import Dictionary, Rows
 from hd_control.analysis.folds import Blocks
 from hd_control.analysis.groups import Group, IntArray
 
 
-class Scores:
-    """Fold-wise Gram matrices of a dictionary: (folds, p, p), right sides (folds, p), squares (folds,)."""
+@dataclass(frozen=True)
+class Part:
+    """One channel by folds: Gram matrices (folds, k, k) and right sides (folds, k) of its coefficients, squares (folds,)."""
 
-    def __init__(self, dictionary: Dictionary) -> None:
+    gram: FloatArray
+    right: FloatArray
+    squares: FloatArray
+
+    @classmethod
+    def of(cls, rows: Rows) -> Part:
+        """From the rows themselves."""
+        folds = Blocks().folds
+        found = [(rows.columns[rows.fold == f], rows.left[rows.fold == f]) for f in range(folds)]
+        gram, right = (np.stack(each) for each in zip(*((x.T @ x, x.T @ y) for x, y in found), strict=True))
+        return cls(gram, right, np.array([y @ y for _, y in found]))
+
+    def scaled(self, columns: FloatArray, left: float) -> Part:
+        """The same with columns multiplied by `columns` (k,) and the left side by `left`."""
+        gram = self.gram * columns[:, None] * columns[None, :]
+        return Part(gram, self.right * columns * left, self.squares * left**2)
+
+    def replaced(self, rows: Rows, places: IntArray) -> Part:
+        """The same after the columns at some places have changed to those of `rows`."""
+        gram, right = self.gram.copy(), self.right.copy()
+        for fold in range(len(self.squares)):
+            mine = rows.fold == fold
+            x = rows.columns[mine]
+            cross = x.T @ x[:, places]
+            gram[fold][:, places] = cross
+            gram[fold][places, :] = cross.T
+            right[fold][places] = x[:, places].T @ rows.left[mine]
+        return Part(gram, right, self.squares)
+
+    def extended(self, rows: Rows) -> Part:
+        """The same with more columns behind, those that `rows` has beyond this part."""
+        folds, old = self.right.shape
+        size = rows.index.size
+        gram, right = np.zeros((folds, size, size)), np.zeros((folds, size))
+        gram[:, :old, :old], right[:, :old] = self.gram, self.right
+        return Part(gram, right, self.squares).replaced(rows, np.arange(old, size))
+
+
+class Scores:
+    """Fold-wise Gram matrices of a dictionary: (folds, p, p), right sides (folds, p), squares (folds,).
+
+    `parts`: those of the channels, if they are known already.
+    """
+
+    def __init__(self, dictionary: Dictionary, parts: Mapping[str, Part] | None = None) -> None:
         self.dictionary = dictionary
+        self.parts = {n: Part.of(rows) for n, rows in dictionary.rows.items()} if parts is None else dict(parts)
         folds, size = Blocks().folds, dictionary.size
         self.gram = np.zeros((folds, size, size))
         self.right = np.zeros((folds, size))
         self.squares = np.zeros(folds)
-        for part in dictionary.rows.values():
-            grid = np.ix_(part.index, part.index)
-            for fold in range(folds):
-                mine = part.fold == fold
-                x, y = part.columns[mine], part.left[mine]
-                self.gram[fold][grid] += x.T @ x
-                self.right[fold][part.index] += x.T @ y
-                self.squares[fold] += y @ y
+        for name, part in self.parts.items():
+            index = dictionary.rows[name].index
+            self.gram[:, index[:, None], index[None, :]] += part.gram
+            self.right[:, index] += part.right
+            self.squares += part.squares
         self.ridge = dictionary.ridge
         self._prior = dictionary.precision / dictionary.norm**2
         self.gram[:, np.arange(size), np.arange(size)] += self._prior / folds
-        self._sum_up()
-
-    def _sum_up(self) -> None:
-        """Sums over the folds, and over all but one."""
         self.gram_all = self.gram.sum(axis=0)
         self.right_all = self.right.sum(axis=0)
         self.rest = self.gram_all - self.gram
 
     def extended(self, dictionary: Dictionary) -> Scores:
         """The scores of the same dictionary with more groups behind: only the new columns are multiplied."""
-        found = object.__new__(Scores)
-        found.dictionary, found.squares, found.ridge = dictionary, self.squares, dictionary.ridge
-        found._prior = dictionary.precision / dictionary.norm**2
-        old, size = self.dictionary.size, dictionary.size
-        folds = self.squares.size
-        found.gram, found.right = np.zeros((folds, size, size)), np.zeros((folds, size))
-        found.gram[:, :old, :old], found.right[:, :old] = self.gram, self.right
-        for part in dictionary.rows.values():
-            new = part.index >= old
-            for fold in range(folds):
-                mine = part.fold == fold
-                x = part.columns[mine]
-                cross = x.T @ x[:, new]
-                found.gram[fold][np.ix_(part.index, part.index[new])] += cross
-                found.gram[fold][np.ix_(part.index[new], part.index[~new])] += cross[~new].T
-                found.right[fold][part.index[new]] += x[:, new].T @ part.left[mine]
-        found._sum_up()
-        return found
+        return Scores(dictionary, {name: part.extended(dictionary.rows[name]) for name, part in self.parts.items()})
+
+    def moved(
+        self,
+        dictionary: Dictionary,
+        columns: Mapping[str, float] | None = None,
+        left: Mapping[str, float] | None = None,
+        fresh: Collection[str] = (),
+        replaced: Mapping[str, IntArray] | None = None,
+    ) -> Scores:
+        """The scores of a dictionary that was made from this one without new columns; what did not change is kept.
+
+        By channel: its columns and its left side were multiplied by a number (`columns`, `left`), it has other rows
+        (`fresh`), or some of its coefficients have other columns (`replaced`).
+        """
+        old, parts = self.dictionary, {}
+        for name, rows in dictionary.rows.items():
+            if name in fresh:
+                parts[name] = Part.of(rows)
+                continue
+            factor = (columns or {}).get(name, 1.0) * old.norm[rows.index] / dictionary.norm[rows.index]
+            parts[name] = self.parts[name].scaled(factor, (left or {}).get(name, 1.0))
+            if name in (replaced or {}):
+                assert replaced is not None
+                parts[name] = parts[name].replaced(rows, np.flatnonzero(np.isin(rows.index, replaced[name])))
+        return Scores(dictionary, parts)
 
     def train(self, index: IntArray) -> FloatArray:
         """Coefficients (folds, k) of a selection, each fitted on the other folds."""
