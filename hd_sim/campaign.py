@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hd_control.core.errors import ConfigError, HdError
+from hd_control.core.workers import serve_only
 from hd_sim.campaign_table import FAILED
 from hd_sim.challenge_score import REFUSED, score_joint
 from hd_sim.pairs import FIT_S, HELD_OUT_S, Pair, make_pair, set_up
@@ -187,7 +188,7 @@ def _results(
     from multiprocessing import get_context
 
     waiting = list(reversed(seeds))
-    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_ignore_interrupt)
+    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=serve_only)
     try:
         running: set[Future[dict[str, Any]]] = set()
         while waiting or running:
@@ -198,13 +199,6 @@ def _results(
                 yield future.result()
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _ignore_interrupt() -> None:
-    """Ctrl-C is for the campaign, not for its workers."""
-    import signal
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _open_record(path: Path, campaign: Campaign) -> Any:

@@ -8,14 +8,14 @@ from __future__ import annotations
 import numpy as np
 
 WEIGHTS = (-1.9, 1.9, 0.95, -3.5)
-"""Offset, log10 of the gain, log10 of it over that of the strongest named effect, something unknown left (logistic)."""
+"""Offset, log10 of the gain, log10 of it over the strongest gain on its channels, something unknown left (logistic)."""
 LARGEST_GAIN, SMALLEST_SHARE = 1e4, 1e-4
 LEAST = 0.5
 """A name that is less likely right than wrong is not said."""
 
 
 def features(gain: float, strongest: float, unknown: bool) -> tuple[float, float, float, float]:
-    """(1, log10 gain, log10 share of the strongest gain, 1 if something unknown is left)."""
+    """(1, log10 gain, log10 share of the strongest gain on its channels, 1 if something unknown is left)."""
     share = float(np.clip(gain / strongest, SMALLEST_SHARE, 1.0)) if strongest > 0.0 else 1.0
     return 1.0, float(np.log10(np.clip(gain, 1.0, LARGEST_GAIN))), float(np.log10(share)), float(unknown)
 

@@ -12,7 +12,7 @@ from hd_control.analysis.channels import JointEquations
 from hd_control.analysis.confidence import LEAST, confidence
 from hd_control.analysis.dictionary import Dictionary
 from hd_control.analysis.fit import Fit, RawRows
-from hd_control.analysis.gates import Coverage, Lack, coverage, lacks, unsupported
+from hd_control.analysis.gates import TORSION_SHAPES, Coverage, Lack, coverage, lacks, unsupported
 from hd_control.analysis.groups import Group
 from hd_control.analysis.hunt import Task, hunt
 from hd_control.analysis.intervals import Bootstrap
@@ -36,6 +36,10 @@ from hd_control.analysis.verdict import (
 from hd_control.drive.effect import MOTOR, TRANSMISSION, UNITS
 
 
+HIGHER = 1.02
+"""A name whose effect makes the held-out error of its channel larger by this factor is withdrawn."""
+
+
 def diagnose(task: Task, dictionary: Dictionary | None = None) -> JointDiagnosis:
     """The verdict on one joint. `dictionary`: that of `hunt.prepare`, if it is there already."""
     start = time.process_time()
@@ -48,10 +52,20 @@ def diagnose(task: Task, dictionary: Dictionary | None = None) -> JointDiagnosis
         task, dictionary = replace(task, equations=replace(task.equations, channels=open_channels)), None
     search, selection = hunt(task, dictionary)
     if TRANSMISSION in open_channels:
-        error = Fit.of(search.dictionary, search.scores, selection).relative_error(TRANSMISSION, "torsional_compliance")
-        found = replace(found, compliance_error=error)
+        found = replace(found, compliance_error=_compliance_error(search, selection))
     answer = _answer(task, found, lacks(found), search, selection)
     return replace(answer, seconds=time.process_time() - start)
+
+
+def _compliance_error(search: Search, selection: Selection) -> float:
+    """How well the motion tells the compliance: beside a law or curve of the torsion over torque it is one number of
+    several of a curve, and says nothing of the motion."""
+    bare = tuple(g for g in selection if TRANSMISSION not in g.channels or not _bends(g))
+    return Fit.of(search.dictionary, search.scores, bare).relative_error(TRANSMISSION, "torsional_compliance")
+
+
+def _bends(group: Group) -> bool:
+    return group.name in TORSION_SHAPES if group.curve is None else group.curve.variable == "joint_torque"
 
 
 def _hopeless(equations: JointEquations, found: Coverage) -> bool:
@@ -144,13 +158,19 @@ def _effects(
         support = search.support(group, tuple(g for g in selection if g is not group))
         order.append((group, support.gain, support.t, tuple(rivals(search, selection, group))))
     order.sort(key=lambda item: -item[1])
+    neighbours = _beside(search, selection)
     chosen: tuple[Group, ...] = ()
     effects = []
     before = raw.held_out_errors(search.scores, ())
     for group, gain, t, others in order:
         chosen = (*chosen, group)
         after = raw.held_out_errors(search.scores, chosen)
-        effects.append(_named(task, fit, bootstrap, group, gain, t, others, before, after))
+        named_effect = _named(task, fit, bootstrap, group, gain, t, others, before, after)
+        named_effect = replace(named_effect, beside=neighbours[group.name])
+        if named_effect.error_after > HIGHER * named_effect.error_before:
+            chosen = chosen[:-1]
+            continue
+        effects.append(named_effect)
         before = after
     refused = len(named) > len(order) and not denied
     return tuple(effects), denied if not refused else [Lack("structure in channels that the motion cannot decide", (),
@@ -189,10 +209,30 @@ def _named(
     )
 
 
+def _beside(search: Search, selection: Selection) -> dict[str, float]:
+    """What the strongest other named effect gains on the channels of each, nats: no law is exact, and what it leaves on
+    its channels looks like weak effects there."""
+    whole = search.scores.channel_losses(search.index(selection))
+    gains = {}
+    for group in selection:
+        without = search.scores.channel_losses(search.index(tuple(g for g in selection if g is not group)))
+        gains[group.name] = {name: without[name] - whole[name] for name in group.channels}
+    return {
+        group.name: max(
+            (
+                sum(max(0.0, gains[other.name].get(name, 0.0)) for name in group.channels)
+                for other in selection
+                if other is not group and not other.is_curve
+            ),
+            default=0.0,
+        )
+        for group in selection
+    }
+
+
 def _sure(effects: tuple[NamedEffect, ...], unknown: bool) -> tuple[NamedEffect, ...]:
     """The effects with their probabilities, without those that are more likely wrong than right."""
-    strongest = max((effect.gain for effect in effects), default=0.0)
-    said = tuple(replace(e, confidence=confidence(e.gain, strongest, unknown)) for e in effects)
+    said = tuple(replace(e, confidence=confidence(e.gain, max(e.gain, e.beside), unknown)) for e in effects)
     return tuple(effect for effect in said if effect.confidence >= LEAST)
 
 

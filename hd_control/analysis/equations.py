@@ -12,6 +12,7 @@ enters as a correction with its prior.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +25,7 @@ from hd_control.analysis.joint_states import (
     count_tone,
     derive,
     drive_states,
+    few_counts,
     noise_density,
     quantum,
 )
@@ -46,9 +48,9 @@ ACCELERATION_SNR = 10.0
 COMMAND_DELAY_PRIOR = 3e-5
 TONE_ORDERS = (1, 2)
 MOST_NOISY = 0.6
+"""Share of a channel's rows that may be left out because of the counts of an angle."""
 LEAST_ROWS = 250
 """A channel with fewer rows in motion is left out: its noise cannot be told from what is missing."""
-"""Share of the rows of the rotor balance that may be left out because of the encoder's counts."""
 
 DAMPING_ROUNDS = 3
 
@@ -136,15 +138,24 @@ class _Builder:
             friction.append(Base("torque_delay", -sp.filter(filled["gauge_torque"], band, 1), SIGNAL_DELAY_PRIOR, True))
         prior = self.known.rotor_inertia_prior
         channel = self._channel(MOTOR, band, valid, left, drive, friction, prior, snr)
-        return replace(channel, noisy=self._noisy(band, valid, TONE_ORDERS))
+        return replace(channel, noisy=self._noisy(band, valid, {"motor_position": TONE_ORDERS}))
 
-    def _noisy(self, band: Band, valid: BoolArray, orders: tuple[int, ...]) -> BoolArray:
-        """Rows at which the encoder's counts are a tone in the band, which also comes back through the controller."""
-        velocity = self.derived.motor_velocity[:: band.step]
-        count = quantum(self.derived.filled["motor_position"])
-        noisy = count_tone(velocity, count, self.signals.period, band.zero, orders)
-        few = not valid.any() or noisy[valid].mean() <= MOST_NOISY
-        return noisy if few else np.zeros_like(noisy)
+    def _noisy(self, band: Band, valid: BoolArray, angles: Mapping[str, tuple[int, ...]]) -> BoolArray:
+        """Rows at which the counts of an angle are a tone in the band or repeat with the motion: no white noise.
+
+        A tone of the encoder also comes back through the controller. `angles`: harmonics of the counts that matter, by
+        the name of the angle; one that would take most rows is let in.
+        """
+        noisy = np.zeros(valid.size, dtype=bool)
+        for name, orders in angles.items():
+            angle = self.derived.filled[name]
+            velocity = self.derived.motor_velocity if name == "motor_position" else self.derived.joint_velocity
+            count, period = quantum(angle), self.signals.period
+            rows = count_tone(velocity[:: band.step], count, period, band.zero, orders)
+            rows |= few_counts(angle, count, period)[:: band.step]
+            if not valid.any() or (noisy | rows)[valid].mean() <= MOST_NOISY:
+                noisy |= rows
+        return noisy
 
     def link(self) -> Channel | None:
         """Balance of the link side against the gauge."""
@@ -157,7 +168,8 @@ class _Builder:
         position = self.derived.filled["joint_position"]
         snr = self._snr(position, band, sp.filter(position, band, 2), valid)
         delay = [Base("torque_delay", sp.filter(self.states.gauge_torque, band, 1), SIGNAL_DELAY_PRIOR, True)]
-        return self._channel(LINK, band, valid, left, drive, delay, self.known.link_inertia_prior, snr)
+        channel = self._channel(LINK, band, valid, left, drive, delay, self.known.link_inertia_prior, snr)
+        return replace(channel, noisy=self._noisy(band, valid, {"joint_position": TONE_ORDERS[:1]}))
 
     def transmission(self) -> Channel | None:
         """Torsion against torque."""
@@ -180,7 +192,7 @@ class _Builder:
             damping = float(np.clip(damping + change, 0.0, LONGEST_DAMPING))
         states = replace(self.states, torsional_compliance=compliance)
         base = torsion_base(sp, states, filled["joint_position"], band, damping)
-        noisy = self._noisy(band, valid, TONE_ORDERS[:1])
+        noisy = self._noisy(band, valid, {"motor_position": TONE_ORDERS[:1], "joint_position": TONE_ORDERS[:1]})
         return Channel(TRANSMISSION, band, sp, time, valid, left, base, None, np.inf, damping, noisy)
 
     def _channel(

@@ -22,6 +22,9 @@ DURATION_S = 12.0
 LOAD_SHARE = 0.1
 """Span of the joint torque over the rated torque that claims of the torsion's shape need."""
 LOADED = ("nonlinear_stiffness", "torsional_hysteresis")
+TORSION_SHAPES = (*LOADED, "backlash")
+SAME_LOOP = 0.62
+"""Autocorrelation of the speed from which on the torque runs through the same few loops (general motion: below 0.57)."""
 COMPLIANCE_ERROR = 0.02
 """Half-width of the interval of the compliance, relative, beyond which nothing can be said of the transmission."""
 TEMPERATURE_SPAN = 6.0
@@ -174,6 +177,9 @@ def unsupported(name: str, found: Coverage, rated_torque: float | None) -> Lack 
     span = found.torque_high - found.torque_low
     if name in LOADED and rated_torque is not None and span < LOAD_SHARE * rated_torque:
         what = f"joint torque from {found.torque_low:.3g} to {found.torque_high:.3g} N m only"
+        return Lack(what, (), "stiffness, lost motion and hysteresis", _RAMPS)
+    if name in TORSION_SHAPES and found.repetition > SAME_LOOP and found.speed_variety < SPEED_VARIETY:
+        what = "the torque runs through the same few loops again and again"
         return Lack(what, (), "stiffness, lost motion and hysteresis", _RAMPS)
     if name == "temperature_friction" and found.temperature_span < TEMPERATURE_SPAN:
         what = f"temperature moves by {found.temperature_span:.1f} K only ({TEMPERATURE_SPAN:g} needed)"

@@ -23,7 +23,7 @@ from hd_control.analysis.merge import merged
 from hd_control.analysis.refine import refine
 from hd_control.analysis.scores import Scores
 from hd_control.analysis.search import Search, Selection, Thresholds
-from hd_control.analysis.torsion import LONGEST_DAMPING, with_damping
+from hd_control.analysis.torsion import LONGEST_DAMPING, with_damping, with_lost_torsion
 from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, Context, Effect, Shape
 
 ROUNDS = 2
@@ -35,6 +35,9 @@ HIDDEN = 10.0
 """Noise power that a rich fit can hide, per column over row."""
 STIFFER = 2e-4
 DAMPING_TOLERANCE = 3e-5
+TORSION_LAWS = ("nonlinear_stiffness", "backlash", "torsional_hysteresis")
+REWOUND = 3e-4
+"""Change of the spring's torque over the torque scale that is worth new columns."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +104,7 @@ class Chase:
 
     def __init__(self, task: Task, dictionary: Dictionary) -> None:
         self.task = task
+        self._wound: set[str] = set()
         self._renew(Scores(dictionary))
 
     def _renew(self, scores: Scores) -> None:
@@ -176,7 +180,8 @@ class Chase:
     def correct(self, selection: Selection) -> tuple[Selection, bool]:
         """Refined shapes, columns for the fitted stiffness, scales. True if anything moved."""
         damped = self._redamp(selection)
-        better = refine(self.dictionary, self.scores, selection)
+        better = self._rewound(selection)
+        better |= refine(self.dictionary, self.scores, selection)
         better |= self._stiffer(selection, better)
         if better:
             self._renew(self.scores.extended(self.dictionary.with_candidates(list(better.values()))))
@@ -195,6 +200,29 @@ class Chase:
         own = base_of(dictionary.rows[TRANSMISSION].channel, dictionary.base_names)
         self._renew(self.scores.moved(dictionary, replaced={TRANSMISSION: own}))
         return True
+
+    def _rewound(self, selection: Selection) -> dict[str, Candidate]:
+        """Columns of the torsion laws for the torque that the damper leaves to the spring beside them."""
+        laws = [g for g in selection if g.effect is not None and g.effect.name in TORSION_LAWS]
+        names = {law.name for law in laws}
+        if not names or names == self._wound:
+            return {}
+        self._wound = names
+        fit, equations = self.fit(selection), self.dictionary.equations
+        states, stiffness = equations.states, fit.torsional_stiffness
+        if not np.isfinite(stiffness):
+            return {}
+        lost = np.zeros(states.time.size)
+        for law in laws:
+            assert law.effect is not None
+            lost -= law.effect.columns(states, law.shape)[TRANSMISSION] @ fit.coefficients[law.index]
+        damper = max(0.0, fit.damping_time) * stiffness
+        damping = equations.channels[TRANSMISSION].damping_time
+        fresh = with_lost_torsion(states, equations.spectral, damping, damper, lost)
+        if np.std(fresh.elastic_torque - states.elastic_torque) < REWOUND * states.torque_scale:
+            return {}
+        self.dictionary = replace(self.dictionary, equations=replace(equations, states=fresh))
+        return {law.name: self._again(law, None) for law in laws}
 
     def _stiffer(self, selection: Selection, better: Mapping[str, Candidate]) -> dict[str, Candidate]:
         """Columns of what the gauge misreads, for the stiffness that the fit found."""

@@ -24,6 +24,10 @@ PRESLIDING_TRAVEL = 1.5e-3
 SPEED_NOISE_FACTOR = 6.0
 
 
+FEW_COUNTS, FEW_COUNTS_S = 10, 0.1
+"""Counts within so many s below which the error of the counts is no noise."""
+
+
 @dataclass(frozen=True)
 class Derived:
     """Filtered motor and joint motion (n,) at the rate of the recording, and where friction has its full value.
@@ -107,6 +111,17 @@ def count_tone(
             counts = order * velocity * (period / count)
             tone |= np.abs(counts - np.round(counts)) < zero * period
     return tone
+
+
+def few_counts(position: FloatArray, count: float, period: float) -> BoolArray:
+    """Where an angle stays within a few of its counts, (n,): there the quantisation repeats with the motion."""
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+    if count <= 0.0:
+        return np.zeros(position.size, dtype=bool)
+    width = 2 * round(0.5 * FEW_COUNTS_S / period) + 1
+    travel = maximum_filter1d(position, width) - minimum_filter1d(position, width)
+    return np.asarray(travel < (FEW_COUNTS + 0.5) * count)
 
 
 def derive(signals: JointSignals, gear_ratio: float, spectral: Spectral) -> Derived:

@@ -162,6 +162,19 @@ class Scores:
                 gain[place] += np.einsum("gi,gi->g", d, test_right[j]) - 0.5 * quadratic
         return gain
 
+    def channel_losses(self, index: IntArray) -> dict[str, float]:
+        """Held-out loss of a selection by channel, nats."""
+        c = np.zeros((len(self.squares), self.dictionary.size))
+        c[:, index] = self.train(index)
+        found = {}
+        for name, part in self.parts.items():
+            own = c[:, self.dictionary.rows[name].index]
+            cross = np.einsum("fi,fi->f", own, part.right)
+            found[name] = 0.5 * float(
+                (part.squares - 2.0 * cross + np.einsum("fi,fij,fj->f", own, part.gram, own)).sum()
+            )
+        return found
+
     def block_losses(self, index: IntArray) -> FloatArray:
         """Held-out loss of a selection by block of time, (blocks,), channels added."""
         c = self.train(index)

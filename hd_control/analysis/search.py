@@ -37,6 +37,8 @@ class Thresholds:
     beside_curve: float = 0.3
     curve_relative: float = 0.005
     """A curve must explain this share more than laws do: no law is exact, and a curve fits what it leaves."""
+    curve_beside_any: float = 5e-4
+    """The same beside laws without a shape."""
 
 
 @dataclass(frozen=True)
@@ -132,9 +134,12 @@ class Search:
 
     def margin(self, selection: Selection, channels: Sequence[str]) -> float:
         """nats that a curve on these channels must gain beyond: what laws with a shape may leave by not being exact."""
-        laws = [g for g in selection if g.effect is not None and set(g.channels) & set(channels) and self._bent(g)]
-        gains = [self.support(g, tuple(h for h in selection if h is not g)).gain for g in laws]
-        return self.thresholds.curve_relative * max(gains, default=0.0)
+        limits, found = self.thresholds, [0.0]
+        for g in selection:
+            if g.effect is not None and set(g.channels) & set(channels):
+                share = limits.curve_relative if self._bent(g) else limits.curve_beside_any
+                found.append(share * self.support(g, tuple(h for h in selection if h is not g)).gain)
+        return max(found)
 
     def _bent(self, group: Group) -> bool:
         """True for a law with a shape that is fitted, or that leaves rows out."""

@@ -15,8 +15,11 @@ SIGNAL_DELAY_PRIOR = 5e-4
 """s, standard deviation of delays between recorded signals that nobody declared; carried along, never a claim. The
 delay of the gauge is one number in the rotor and the link balance."""
 LONGEST_DAMPING = 0.02
-FAST_PRIOR = 0.2
-"""Standard deviation of the fast part's own compliance over the compliance."""
+SLOW_BAND = Band(18.0, 30.0)
+"""Hz, of the torque that tells the compliance: what motion is made of."""
+FAST = "fast_torque"
+FAST_SHIFTS = (-3, -2, -1, 0, 1, 2, 3)
+"""Rows by which the fast torque is shifted."""
 SPRING_BAND = (60.0, 95.0)
 """Hz, of the torque that drives hysteresis and other torsion laws: wide, for its reversals must not be late."""
 
@@ -26,7 +29,8 @@ def torsion_base(
 ) -> tuple[Base, ...]:
     """Columns of every model in the transmission: torsion at `damping` s, its change with it, zero, nuisances.
 
-    Noise of the gauge biases the coefficient of the fast part of the torque towards zero; the slow part keeps its own.
+    Noise of the gauge, and noise of the encoder that comes back through the controller, bias the coefficient of the fast
+    part of the torque; the slow part keeps its own.
     """
     lag = _lag(spectral, damping)
     torque = spectral.transform(states.gauge_torque)
@@ -36,13 +40,28 @@ def torsion_base(
         Base("torsional_compliance", -raw),
         Base("torsional_damping", slope),
         Base("transmission_zero", np.ones(raw.size)),
-        Base("fast_torque", raw - spectral.filter(states.joint_torque, band, 0, lag), _fast_prior(states)),
+        *_fast_torque(spectral, states, band),
         Base("joint_delay", spectral.filter(joint_position, band, 1), SIGNAL_DELAY_PRIOR),
     )
 
 
-def _fast_prior(states: DriveStates) -> float:
-    return FAST_PRIOR * states.torsional_compliance if states.torsional_compliance > 0.0 else np.inf
+def _fast_torque(spectral: Spectral, states: DriveStates, band: Band) -> list[Base]:
+    """The torque above `SLOW_BAND` at some rows before and after each row.
+
+    In it stands what the controller made of the encoder's noise, which is on the left side too: how both go together
+    at each frequency is the controller's affair and no torsion.
+    """
+    slow = spectral.filter(states.gauge_torque, Band(SLOW_BAND.flat, SLOW_BAND.zero))
+    fast = spectral.filter(states.gauge_torque - slow, band)
+    found = []
+    for shift in FAST_SHIFTS:
+        moved = np.zeros_like(fast)
+        if shift > 0:
+            moved[shift:] = fast[:-shift]
+        else:
+            moved[: fast.size + shift] = fast[-shift:]
+        found.append(Base(f"{FAST}{shift:+d}", moved))
+    return found
 
 
 def compliance_of(channel: Channel) -> tuple[float, float]:
@@ -62,6 +81,17 @@ def with_spring(states: DriveStates, spectral: Spectral, channel: Channel | None
     band = band_for(spectral.period, *SPRING_BAND)
     spring = spectral.filter(states.gauge_torque, Band(band.flat, band.zero), 0, _lag(spectral, channel.damping_time))
     return replace(states, spring_torque=spring, torsional_compliance=compliance_of(channel)[0])
+
+
+def with_lost_torsion(
+    states: DriveStates, spectral: Spectral, damping: float, damper: float, lost: FloatArray
+) -> DriveStates:
+    """The states with the torque of the spring where its torsion is tau / k + `lost` (n,) rad: the damper, `damper`
+    N m s, carries a part for that torsion's rate too."""
+    band = band_for(spectral.period, *SPRING_BAND)
+    band, lag = Band(band.flat, band.zero), _lag(spectral, damping)
+    torque = spectral.filter(states.gauge_torque, band, 0, lag)
+    return replace(states, spring_torque=torque - damper * spectral.filter(lost, band, 1, lag))
 
 
 def with_damping(equations: JointEquations, damping: float) -> JointEquations:

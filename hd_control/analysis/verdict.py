@@ -19,7 +19,8 @@ VERDICTS = (ADEQUATE, MISSING, UNKNOWN, MISSING_AND_UNKNOWN, CANNOT_TELL)
 @dataclass(frozen=True)
 class NamedEffect:
     """An effect that the data show to be missing. Errors: held-out RMS in the unit of `channel`, with the effects named
-    before it and without, then with it. `parameters` by name with 95 % intervals; `units` by name."""
+    before it and without, then with it. `parameters` by name with 95 % intervals; `units` by name. `beside`: gain of the
+    strongest other named effect on the same channels, nats."""
 
     name: str
     title: str
@@ -33,6 +34,7 @@ class NamedEffect:
     units: Mapping[str, str]
     evidence: str
     rivals: tuple[Rival, ...] = ()
+    beside: float = 0.0
 
     @property
     def confusable_with(self) -> list[str]:
@@ -62,6 +64,7 @@ class NamedEffect:
             "runner_up": runner_up,
             "confusable_with": self.confusable_with,
             "gain_nats": self.gain,
+            "gain_beside_nats": self.beside,
         }
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import signal
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -81,19 +80,17 @@ def _side_by_side(joints: Sequence[str], work: Callable[[str], Result], workers:
     import multiprocessing
     from concurrent.futures import ProcessPoolExecutor
 
+    from hd_control.core.workers import serve_only
+
     global _JOB
     _JOB = work
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("fork"), _ignore_interrupt)
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("fork"), serve_only)
     try:
         futures = [(name, pool.submit(_call, name)) for name in joints]
         for name, future in futures:
             yield name, future.result()
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _ignore_interrupt() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _call(joint: str) -> Any:

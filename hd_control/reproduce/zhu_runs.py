@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from hd_control.core.blocks import Block, FloatArray
+from hd_control.core.workers import serve_only
 from hd_control.reproduce.constants import load_constants
 from hd_control.reproduce.rows import Progress
 from hd_control.reproduce.zhu_options import STARTS, Case, setup_of
@@ -175,7 +176,7 @@ def play_all(cases: Iterable[Case], progress: Progress) -> dict[Case, Outcome]:
     context = multiprocessing.get_context("spawn")
     # The longest first, so that no processor waits for the last one.
     order = sorted(wanted, key=_weight, reverse=True)
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=serve_only) as pool:
         jobs: dict[Any, Case] = {pool.submit(play, case): case for case in order}
         try:
             for job in as_completed(jobs):

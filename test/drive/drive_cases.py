@@ -24,7 +24,10 @@ EXAMPLES: dict[str, list[dict[str, float]]] = {
         {"cosine_1": 1e-6, "sine_1": 0.0, "cosine_2": 1e-5, "sine_2": -2e-5, "cosine_4": 0.0, "sine_4": 3e-6},
     ],
     "torsional_hysteresis": [{"hysteresis_stiffness": 34800.0, "hysteresis_rate": 4000.0}],
-    "nonlinear_stiffness": [{"stiffness_cubic": 4e11}, {"windup_depth": 5e-5, "windup_width": 2e-4}],
+    "nonlinear_stiffness": [
+        {"stiffness_cubic": 4e11},
+        {"windup_depth": 5e-5, "windup_width": 2e-4, "windup_steepening": 0.4},
+    ],
     "backlash": [{"half_gap": 4e-5, "crossing_torque": 1.5}],
     "load_dependent_friction": [
         {"load_friction_linear": 3e-3},

@@ -1,9 +1,10 @@
 """A spring that is not linear: it stiffens under load, or is soft around zero torque.
 
     hardening: tau = k delta + m2 delta^3        column -[delta(tau) - tau/k], delta from x = y + r y^3
-    soft wind-up: delta = tau/k + depth tanh(tau / tau_0)        depth rad, tau_0 = k width, width rad
+    soft wind-up: delta = tau/k + depth g, g = tanh(tau / tau_0 + s g)     depth rad, tau_0 = k width, width rad
 
-with x = tau / tau_scale, y = k delta / tau_scale, r = m2 tau_scale^2 / k^3 (negative: softening, up to its peak).
+s, the steepening, is 0 for a soft zone that closes with the torque, depth / width for one that closes with the torsion
+(tanh(delta / width)), negative for one that closes slowly; s < 1. Hardening: x = tau / tau_scale, y = k delta / tau_scale, r = m2 tau_scale^2 / k^3 (negative: softening, up to its peak).
 Source: equation sheet 1.1 (m1, m2), G(5). The law is inverted, for a column tau^3 misfits strong hardening.
 """
 
@@ -29,6 +30,9 @@ from hd_control.drive.effect import (
 )
 
 HARDENING, WINDUP = "hardening", "windup"
+TABLE, FULL = 2000, 12.0
+STEEPENINGS = (0.0, 0.7)
+STEEPEST = 0.95
 
 
 def _inverse(x: FloatArray, r: float) -> FloatArray:
@@ -39,6 +43,12 @@ def _inverse(x: FloatArray, r: float) -> FloatArray:
     if r > 0.0:
         return np.asarray(width * np.sinh(np.arcsinh(3.0 * x / width) / 3.0))
     return np.asarray(width * np.sin(np.arcsin(np.clip(3.0 * x / width, -1.0, 1.0)) / 3.0))
+
+
+def _soft(x: FloatArray, steepening: float) -> FloatArray:
+    """g with g = tanh(x + s g): the table of x(y) = y - s tanh y, tanh y = g, read backwards."""
+    y = np.linspace(0.0, 1.0, TABLE) ** 1.5 * FULL
+    return np.asarray(np.sign(x) * np.tanh(np.interp(np.abs(x), y - steepening * np.tanh(y), y)))
 
 
 @final
@@ -55,6 +65,15 @@ class NonlinearStiffness(Effect):
         EffectParameter(
             "windup_width", "rad", "torsion over which the soft zone reaches", low=0.0, linear=False, default=0.0
         ),
+        EffectParameter(
+            "windup_steepening",
+            "-",
+            "how much the soft zone's own torsion closes it",
+            low=-2.0,
+            high=STEEPEST,
+            linear=False,
+            default=0.0,
+        ),
     )
     confusions = (
         Confusion(
@@ -69,7 +88,13 @@ class NonlinearStiffness(Effect):
             {"joint_torque": [2.0, -2.0]},
             {TRANSMISSION: [[1.0], [-1.0]]},
         ),
-        Reference({"form": WINDUP, "torque": 3.0}, {"joint_torque": 3.0}, {TRANSMISSION: [[-math.tanh(1.0)]]}),
+        Reference({"form": WINDUP, "torque": 3.0}, {"joint_torque": 3.0}, {TRANSMISSION: [[-math.tanh(1.0)]]}, 1e-6),
+        Reference(  # y = 1: x = 1 - 0.5 tanh 1
+            {"form": WINDUP, "torque": 1.0, "steepening": 0.5},
+            {"joint_torque": -(1.0 - 0.5 * math.tanh(1.0))},
+            {TRANSMISSION: [[math.tanh(1.0)]]},
+            1e-6,
+        ),
     )
 
     @classmethod
@@ -78,7 +103,9 @@ class NonlinearStiffness(Effect):
             {"form": HARDENING, "hardening": r, "scale": states.torque_scale} for r in (0.03, 0.1, 0.25, 0.6, 1.3, 2.6)
         ]
         soft = [
-            {"form": WINDUP, "torque": share * states.torque_scale} for share in (0.06, 0.085, 0.12, 0.17, 0.24, 0.34)
+            {"form": WINDUP, "torque": share * states.torque_scale, "steepening": steepening}
+            for share in (0.06, 0.085, 0.12, 0.17, 0.24, 0.34)
+            for steepening in STEEPENINGS
         ]
         return (*hard, *soft)
 
@@ -86,7 +113,7 @@ class NonlinearStiffness(Effect):
     def shape_bounds(cls, shape: Shape, states: DriveStates) -> dict[str, tuple[float, float]]:
         if shape["form"] == HARDENING:
             return {"hardening": (1e-3, 20.0)}
-        return {"torque": (0.04 * states.torque_scale, 1.0 * states.torque_scale)}
+        return {"torque": (0.04 * states.torque_scale, 1.0 * states.torque_scale), "steepening": (-2.0, STEEPEST)}
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:
@@ -99,13 +126,14 @@ class NonlinearStiffness(Effect):
             scale = float(shape["scale"])
             x = tau / scale
             return {TRANSMISSION: (scale * (x - _inverse(x, float(shape["hardening"]))))[:, None]}
-        return {TRANSMISSION: -np.tanh(tau / float(shape["torque"]))[:, None]}
+        return {TRANSMISSION: -_soft(tau / float(shape["torque"]), float(shape.get("steepening", 0.0)))[:, None]}
 
     @classmethod
     def split(cls, values: Mapping[str, float], context: Context) -> tuple[Shape, FloatArray]:
         k = context.torsional_stiffness
         if values.get("windup_depth", 0.0) != 0.0:
-            return {"form": WINDUP, "torque": k * values["windup_width"]}, np.array([values["windup_depth"]])
+            shape = {"form": WINDUP, "torque": k * values["windup_width"]}
+            return {**shape, "steepening": values.get("windup_steepening", 0.0)}, np.array([values["windup_depth"]])
         r = values.get("stiffness_cubic", 0.0) * context.torque_scale**2 / k**3
         shape = {"form": HARDENING, "hardening": r, "scale": context.torque_scale}
         return shape, np.array([1.0 / k])
@@ -114,6 +142,7 @@ class NonlinearStiffness(Effect):
     def join(cls, shape: Shape, coefficients: FloatArray, context: Context) -> dict[str, float]:
         k, value = context.torsional_stiffness, float(coefficients[0])
         if shape["form"] == WINDUP:
-            return {"windup_depth": value, "windup_width": float(shape["torque"]) / k}
+            width, steepening = float(shape["torque"]) / k, float(shape.get("steepening", 0.0))
+            return {"windup_depth": value, "windup_width": width, "windup_steepening": steepening}
         # The share k * compliance of the hardening curve is what the data show of it; its cubic start is m2.
         return {"stiffness_cubic": value * k * float(shape["hardening"]) * k**3 / float(shape["scale"]) ** 2}

@@ -46,6 +46,7 @@ class TorsionalHysteresis(Effect):
     evidence = (
         "lags behind the joint torque by a constant amount after each reversal of the torque, independent of speed"
     )
+    family = "torsion over torque"
     parameters = (
         EffectParameter(
             "hysteresis_stiffness", "N m/rad", "A: added stiffness right after a reversal", low=0.0, linear=False
