@@ -106,9 +106,9 @@ class Spectral:
         length = self._length // band.step
         bins = length // 2 + 1
         frequency = self.frequency[:bins]
-        gain = band.gain(frequency) * (2j * np.pi * frequency) ** derivative / band.step
+        gain: NDArray[np.complex128] = band.gain(frequency) * (2j * np.pi * frequency) ** derivative / band.step
         if factor is not None:
-            gain = gain * factor[:bins]
+            gain *= factor[:bins]
         start, rows = self._pad // band.step, self.rows(band)
         shaped = spectrum[:, :bins] * gain.astype(spectrum.dtype)
         x = irfft(shaped, length, axis=1, overwrite_x=True)[:, start : start + rows].astype(np.float64)

@@ -35,7 +35,6 @@ from hd_control.analysis.verdict import (
 )
 from hd_control.drive.effect import MOTOR, TRANSMISSION, UNITS
 
-
 HIGHER = 1.02
 """A name whose effect makes the held-out error of its channel larger by this factor is withdrawn."""
 

@@ -16,15 +16,13 @@ from hd_control.analysis.channels import Base, Channel, JointEquations
 from hd_control.analysis.folds import Blocks
 from hd_control.analysis.groups import Candidate, Group, IntArray, group_of
 from hd_control.analysis.joint_states import BoolArray
-from hd_control.analysis.noise import Noise, fit_noise
+from hd_control.analysis.noise import Noise
+from hd_control.analysis.rich_noise import rich_noise
 
 RIDGE_LIBRARY = 1e-9
 RIDGE_CURVE = {"plain": 3e-5}
 RIDGE_OTHER_CURVE = 3e-3
 """On columns of unit norm. Knots that a training fold never visits otherwise ruin the held-out score."""
-RIDGE_NOISE = 1e-7
-LONELY = 2.0
-"""Error in unseen rows over that in seen ones, relative to the usual ratio, from which on a block stands alone."""
 SHARED = ""
 """In place of the channel in the name of a base coefficient that several channels share."""
 
@@ -176,7 +174,7 @@ def build(
     for name, channel in equations.channels.items():
         raw, index = layout.raw(channel)
         velocity = equations.states.motor_velocity[:: channel.band.step]
-        noise = noises[name] if noises is not None else _noise(channel, raw, velocity)
+        noise = noises[name] if noises is not None else rich_noise(channel, raw, velocity)
         rows[name] = _rows(channel, noise, raw, index, velocity)
     norm = _norm(rows, layout.size)
     for part in rows.values():
@@ -248,51 +246,6 @@ def _normed(raw: Dictionary) -> Dictionary:
     for part in raw.rows.values():
         np.divide(part.columns, norm[part.index], out=part.columns)
     return replace(raw, norm=norm)
-
-
-def _noise(channel: Channel, raw: FloatArray, velocity: FloatArray) -> Noise:
-    """Noise from the residual of everything at once: what no column explains.
-
-    A rich fit leaves too little in its own rows and too much in rows that it has not seen, both by the same factor to
-    first order and most at low frequencies, where the columns live; the noise is their geometric mean, row by row.
-    """
-    scale = np.sqrt((raw[channel.fitted] ** 2).sum(axis=0))
-    scale[scale == 0.0] = 1.0
-    x, y, use = raw / scale, channel.left, channel.fitted
-    block, fold = Blocks().of(channel.time)
-    parts = [use & (fold == f) for f in range(-1, Blocks().folds)]
-    grams = [x[part].T @ x[part] for part in parts]
-    rights = [x[part].T @ y[part] for part in parts]
-    gram, right = sum(grams) + RIDGE_NOISE * np.eye(scale.size), sum(rights)
-    seen = y - x @ np.linalg.solve(gram, right)
-    unseen = seen.copy()
-    for f in range(Blocks().folds):
-        rows = fold == f
-        unseen[rows] = y[rows] - x[rows] @ np.linalg.solve(gram - grams[f + 1], right - rights[f + 1])
-    residual = np.sign(seen) * np.sqrt(np.abs(seen * _without_outliers(seen, unseen, block, use & (fold >= 0))))
-    noise = fit_noise(residual, channel.valid)
-    rows = noise.usable(channel.valid) & use
-    noise = noise.levelled(residual, velocity, rows).scaled_on(residual, velocity, rows)
-    count = int(use.sum())
-    freedom = max(count - scale.size, count // 4)
-    return noise.with_deviation(seen[use], float(np.sqrt(count / max(freedom, 1))))
-
-
-def _without_outliers(seen: FloatArray, unseen: FloatArray, block: IntArray, use: BoolArray) -> FloatArray:
-    """What a fit leaves in rows that it has not seen, without blocks that only they themselves tell anything of.
-
-    A place that was visited once cannot be predicted from the rest: that is no noise. (rows,) each, `use`: rows that
-    were held out.
-    """
-    count = int(block.max(initial=0)) + 1
-    power = [np.bincount(block[use], r[use] ** 2, count) for r in (unseen, seen)]
-    told = power[1] > 0.0
-    if not told.any():
-        return unseen
-    ratio = np.sqrt(np.divide(power[0], power[1], out=np.ones(count), where=told))
-    usual = float(np.median(ratio[told]))
-    alone = use & (ratio > LONELY * usual)[block]
-    return np.where(alone, usual * seen, unseen)
 
 
 def _rows(channel: Channel, noise: Noise, raw: FloatArray, index: IntArray, velocity: FloatArray) -> Rows:

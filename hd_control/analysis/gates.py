@@ -24,7 +24,7 @@ LOAD_SHARE = 0.1
 LOADED = ("nonlinear_stiffness", "torsional_hysteresis")
 TORSION_SHAPES = (*LOADED, "backlash")
 SAME_LOOP = 0.62
-"""Autocorrelation of the speed from which on the torque runs through the same few loops (general motion: below 0.57)."""
+"""Autocorrelation of the speed from which on the torque runs through the same few loops (general motion: 0.57)."""
 COMPLIANCE_ERROR = 0.02
 """Half-width of the interval of the compliance, relative, beyond which nothing can be said of the transmission."""
 TEMPERATURE_SPAN = 6.0

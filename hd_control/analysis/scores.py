@@ -19,7 +19,7 @@ from hd_control.analysis.groups import Group, IntArray
 
 @dataclass(frozen=True)
 class Part:
-    """One channel by folds: Gram matrices (folds, k, k) and right sides (folds, k) of its coefficients, squares (folds,)."""
+    """One channel by folds: Gram matrices (folds, k, k), right sides (folds, k) of its columns, squares (folds,)."""
 
     gram: FloatArray
     right: FloatArray

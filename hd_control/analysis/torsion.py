@@ -29,8 +29,8 @@ def torsion_base(
 ) -> tuple[Base, ...]:
     """Columns of every model in the transmission: torsion at `damping` s, its change with it, zero, nuisances.
 
-    Noise of the gauge, and noise of the encoder that comes back through the controller, bias the coefficient of the fast
-    part of the torque; the slow part keeps its own.
+    Noise of the gauge, and noise of the encoder that comes back through the controller, bias the coefficient of the
+    fast part of the torque; the slow part keeps its own.
     """
     lag = _lag(spectral, damping)
     torque = spectral.transform(states.gauge_torque)

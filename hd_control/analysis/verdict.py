@@ -19,8 +19,8 @@ VERDICTS = (ADEQUATE, MISSING, UNKNOWN, MISSING_AND_UNKNOWN, CANNOT_TELL)
 @dataclass(frozen=True)
 class NamedEffect:
     """An effect that the data show to be missing. Errors: held-out RMS in the unit of `channel`, with the effects named
-    before it and without, then with it. `parameters` by name with 95 % intervals; `units` by name. `beside`: gain of the
-    strongest other named effect on the same channels, nats."""
+    before it and without, then with it. `parameters` by name with 95 % intervals; `units` by name. `beside`: gain of
+    the strongest other named effect on the same channels, nats."""
 
     name: str
     title: str

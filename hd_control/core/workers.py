@@ -10,7 +10,7 @@ from multiprocessing.connection import wait
 
 
 def serve_only() -> None:
-    """For the initializer of a pool: Ctrl-C is for the command, not for its workers; they end with it, however it ends."""
+    """Initializer of a pool: Ctrl-C is for the command, not for its workers; they end with it, however it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
     if parent is not None:

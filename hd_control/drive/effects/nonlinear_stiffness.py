@@ -4,7 +4,8 @@
     soft wind-up: delta = tau/k + depth g, g = tanh(tau / tau_0 + s g)     depth rad, tau_0 = k width, width rad
 
 s, the steepening, is 0 for a soft zone that closes with the torque, depth / width for one that closes with the torsion
-(tanh(delta / width)), negative for one that closes slowly; s < 1. Hardening: x = tau / tau_scale, y = k delta / tau_scale, r = m2 tau_scale^2 / k^3 (negative: softening, up to its peak).
+(tanh(delta / width)), negative for one that closes slowly; s < 1. Hardening: x = tau / tau_scale, y = k delta /
+tau_scale, r = m2 tau_scale^2 / k^3 (negative: softening, up to its peak).
 Source: equation sheet 1.1 (m1, m2), G(5). The law is inverted, for a column tau^3 misfits strong hardening.
 """
 
