@@ -106,7 +106,8 @@ class Spectral:
         length = self._length // band.step
         bins = length // 2 + 1
         frequency = self.frequency[:bins]
-        gain = np.asarray((2j * np.pi * frequency) ** derivative * band.gain(frequency) / band.step, dtype=np.complex128)
+        power = (2j * np.pi * frequency) ** derivative
+        gain = np.asarray(power * band.gain(frequency) / band.step, dtype=np.complex128)
         if factor is not None:
             gain *= factor[:bins]
         start, rows = self._pad // band.step, self.rows(band)
