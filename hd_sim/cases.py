@@ -51,6 +51,7 @@ TOLERATED = {
     "friction_law": ("presliding",),
     "current_lag": ("actuation_delay",),
     "gauge_lag": ("unknown",),
+    "kinematic": ("unknown",),
     "skew": ("actuation_delay", "unknown"),
 }
 """Answers that a judge's feature also justifies; they count neither as right nor as wrong."""

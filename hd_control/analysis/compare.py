@@ -18,7 +18,7 @@ from hd_control.analysis.scores import Scores
 from hd_control.analysis.torsion import FAST
 from hd_control.drive.effect import UNITS
 
-NUISANCES = ("transmission_zero", "joint_delay", "torque_delay", "command_delay")
+NUISANCES = ("transmission_zero", FAST, "joint_delay", "torque_delay", "command_delay")
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def compare(task: Task, written: FloatArray | None, noises: Mapping[str, Noise] 
 def _with_nuisances(fit: Fit, written: FloatArray) -> FloatArray:
     """The written coefficients (p,) with those of `NUISANCES` fitted beside them."""
     dictionary, scores = fit.dictionary, fit.scores
-    free = np.array([i for i, (_, name) in enumerate(dictionary.base_names) if _is_nuisance(name)], dtype=np.int64)
+    free = np.array([i for i, (_, name) in enumerate(dictionary.base_names) if name in NUISANCES], dtype=np.int64)
     held = np.setdiff1d(dictionary.base, free)
     left = scores.gram_all[np.ix_(free, free)] + np.diag(scores.ridge[free])
     scaled = written[held] * dictionary.norm[held]
@@ -131,10 +131,6 @@ def _with_nuisances(fit: Fit, written: FloatArray) -> FloatArray:
     found = np.array(written, dtype=float)
     found[free] = np.linalg.solve(left, right) / dictionary.norm[free]
     return found
-
-
-def _is_nuisance(name: str) -> bool:
-    return name in NUISANCES or name.startswith(FAST)
 
 
 def _rms(x: FloatArray) -> float:

@@ -102,7 +102,7 @@ def _answer(task: Task, found: Coverage, missing: list[Lack], search: Search, se
     blocked = {name for lack in missing for name in lack.channels}
     effects, denied = _effects(task, found, search, fit, raw, blocked)
     effects += _near_reversals(task, fit, blocked)
-    unknown = _unknown(fit, search, selection, blocked)
+    unknown = _unknown(fit, raw, search, selection, blocked)
     effects = _sure(effects, unknown is not None)
     experiments = list(_experiments([*missing, *denied]))
     for effect in effects:
@@ -267,9 +267,16 @@ def _separating(task: Task, effect: NamedEffect) -> list[Experiment]:
     ]
 
 
-def _unknown(fit: Fit, search: Search, selection: Selection, blocked: set[str]) -> Unknown | None:
+def _lowers(group: Group, raw: RawRows, search: Search) -> bool:
+    """True if a curve lowers the held-out error of one of its channels, in the unit of the channel."""
+    rest = tuple(g for g in raw.groups if g is not group)
+    before, after = raw.held_out_errors(search.scores, rest), raw.held_out_errors(search.scores, raw.groups)
+    return any(after[name] < before[name] for name in group.channels)
+
+
+def _unknown(fit: Fit, raw: RawRows, search: Search, selection: Selection, blocked: set[str]) -> Unknown | None:
     """Free curves that survived, or bursts in time that no selected effect explains."""
-    left = [group for group in selection if group.curve is not None and not set(group.channels) <= blocked]
+    left = [g for g in selection if g.curve is not None and not set(g.channels) <= blocked and _lowers(g, raw, search)]
     if left:
         gains = [search.support(g, tuple(h for h in selection if h is not g)).gain for g in left]
         group = left[int(np.argmax(gains))]

@@ -30,10 +30,17 @@ from hd_control.analysis.joint_states import (
     quantum,
 )
 from hd_control.analysis.signals import JointSignals
-from hd_control.analysis.torsion import LONGEST_DAMPING, SIGNAL_DELAY_PRIOR, compliance_of, torsion_base, with_spring
+from hd_control.analysis.torsion import (
+    LONGEST_DAMPING,
+    SIGNAL_DELAY_PRIOR,
+    compliance_of,
+    torsion_band,
+    torsion_base,
+    with_spring,
+)
 from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, DriveStates
 
-BANDS = {TRANSMISSION: (80.0, 122.0), LINK: (30.0, 40.0)}
+LINK_BAND = (30.0, 40.0)
 """Hz, flat and zero."""
 MOTOR_BANDS = ((38.0, 60.0), (30.0, 48.5), (25.0, 40.5), (20.0, 32.5), (15.0, 24.3))
 """Hz. The first in which the acceleration stands out of its noise: encoder noise returns through the controller into u,
@@ -80,7 +87,7 @@ def build_equations(signals: JointSignals, known: Known, link: LinkFunction | No
 
 
 def _link_band(period: float) -> Band:
-    return band_for(period, *BANDS[LINK])
+    return band_for(period, *LINK_BAND)
 
 
 def _with_link(states: DriveStates, terms: LinkTerms, band: Band) -> DriveStates:
@@ -180,8 +187,15 @@ class _Builder:
             or not np.isfinite(self.states.gauge_torque).all()
         ):
             return None
-        band = band_for(s.period, *BANDS[TRANSMISSION])
-        left = sp.filter(filled["joint_position"] - filled["motor_position"], band)
+        torsion = filled["joint_position"] - filled["motor_position"]
+        angles = {"motor_position": TONE_ORDERS[:1], "joint_position": TONE_ORDERS[:1]}
+
+        def quiet(band: Band) -> BoolArray:
+            fine, usable = Band(band.flat, band.zero), self.derived.usable
+            return np.asarray(usable & ~self._noisy(fine, usable, angles))
+
+        band = torsion_band(sp, torsion, self.states.gauge_torque, quiet)
+        left = sp.filter(torsion, band)
         valid = self._valid(band, self.derived.usable)
         damping = self.known.damping_time
         time = s.time[:: band.step]
@@ -192,7 +206,7 @@ class _Builder:
             damping = float(np.clip(damping + change, 0.0, LONGEST_DAMPING))
         states = replace(self.states, torsional_compliance=compliance)
         base = torsion_base(sp, states, filled["joint_position"], band, damping)
-        noisy = self._noisy(band, valid, {"motor_position": TONE_ORDERS[:1], "joint_position": TONE_ORDERS[:1]})
+        noisy = self._noisy(band, valid, angles)
         return Channel(TRANSMISSION, band, sp, time, valid, left, base, None, np.inf, damping, noisy)
 
     def _channel(

@@ -151,7 +151,7 @@ class RawRows:
     """Unwhitened rows of base and selected groups, for errors in the channel's unit. Built once for several groups."""
 
     def __init__(self, dictionary: Dictionary, groups: Sequence[Group]) -> None:
-        self.dictionary = dictionary
+        self.dictionary, self.groups = dictionary, tuple(groups)
         states = dictionary.equations.states
         self._parts: dict[str, tuple[FloatArray, IntArray]] = {}
         raw = {id(g): _columns(g, states) for g in (*dictionary.known, *groups)}

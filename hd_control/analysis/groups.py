@@ -51,11 +51,7 @@ def library_candidates(
         for shape in effect.shapes(states):
             columns = {n: c for n, c in effect.columns(states, shape).items() if n in channels}
             finite = all(np.isfinite(c).all() for c in columns.values())
-            if (
-                columns
-                and finite
-                and any(np.ptp(c, axis=0).max(initial=0.0) > 0.0 or c.any() for c in columns.values())
-            ):
+            if columns and finite and any(c.any() for c in columns.values()):
                 found.append(Candidate(effect.name, columns, effect, shape))
     return found
 

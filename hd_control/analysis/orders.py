@@ -163,8 +163,8 @@ class _Run:
 
     @property
     def turns(self) -> float:
-        """Turns of the run."""
-        return float(np.ptp(self.record.turns[self.rows]))
+        """Turns of the run, which goes one way."""
+        return abs(float(self.record.turns[self.rows.stop - 1] - self.record.turns[self.rows.start]))
 
 
 def _runs(record: OrderRecord, highest: float) -> list[_Run]:

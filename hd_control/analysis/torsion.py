@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,17 +10,20 @@ from numpy.typing import NDArray
 
 from hd_control.analysis.bands import Band, FloatArray, Spectral, band_for
 from hd_control.analysis.channels import Base, Channel, JointEquations
+from hd_control.analysis.joint_states import BoolArray
 from hd_control.drive.effect import TRANSMISSION, DriveStates
 
 SIGNAL_DELAY_PRIOR = 5e-4
 """s, standard deviation of delays between recorded signals that nobody declared; carried along, never a claim. The
 delay of the gauge is one number in the rotor and the link balance."""
 LONGEST_DAMPING = 0.02
-SLOW_BAND = Band(18.0, 30.0)
-"""Hz, of the torque that tells the compliance: what motion is made of."""
+BANDS = ((80.0, 122.0), (38.0, 60.0), (25.0, 40.0), (15.0, 24.0), (8.0, 13.0))
+"""Hz, flat and zero, of the transmission."""
+TOP_SNR = 3.0
+"""Power of the torque over the stiffness over that of the torsion's noise, at the top of the band."""
 FAST = "fast_torque"
-FAST_SHIFTS = (-3, -2, -1, 0, 1, 2, 3)
-"""Rows by which the fast torque is shifted."""
+FAST_PRIOR = 0.2
+"""Standard deviation of the fast part's own compliance over the compliance."""
 SPRING_BAND = (60.0, 95.0)
 """Hz, of the torque that drives hysteresis and other torsion laws: wide, for its reversals must not be late."""
 
@@ -29,8 +33,7 @@ def torsion_base(
 ) -> tuple[Base, ...]:
     """Columns of every model in the transmission: torsion at `damping` s, its change with it, zero, nuisances.
 
-    Noise of the gauge, and noise of the encoder that comes back through the controller, bias the coefficient of the
-    fast part of the torque; the slow part keeps its own.
+    Noise of the gauge biases the coefficient of the fast part of the torque towards zero; the slow part keeps its own.
     """
     lag = _lag(spectral, damping)
     torque = spectral.transform(states.gauge_torque)
@@ -40,28 +43,47 @@ def torsion_base(
         Base("torsional_compliance", -raw),
         Base("torsional_damping", slope),
         Base("transmission_zero", np.ones(raw.size)),
-        *_fast_torque(spectral, states, band),
+        Base(FAST, raw - spectral.back(*torque, _lower(band), 0, lag)[:, 0], _fast_prior(states)),
         Base("joint_delay", spectral.filter(joint_position, band, 1), SIGNAL_DELAY_PRIOR),
     )
 
 
-def _fast_torque(spectral: Spectral, states: DriveStates, band: Band) -> list[Base]:
-    """The torque above `SLOW_BAND` at some rows before and after each row.
+def _fast_prior(states: DriveStates) -> float:
+    return FAST_PRIOR * states.torsional_compliance if states.torsional_compliance > 0.0 else np.inf
 
-    In it stands what the controller made of the encoder's noise, which is on the left side too: how both go together
-    at each frequency is the controller's affair and no torsion.
+
+def torsion_band(
+    spectral: Spectral, torsion: FloatArray, torque: FloatArray, quiet: Callable[[Band], BoolArray]
+) -> Band:
+    """The widest band at whose top the torque over the stiffness still stands out of the noise of the torsion.
+
+    Beyond it a loop's answer to the encoder's noise is a larger part of the torque than the motion is, and that noise
+    is in the torsion too: they go together as no spring does. `torsion` rad, `torque` N m (n,); `quiet`: rows to judge on.
     """
-    slow = spectral.filter(states.gauge_torque, Band(SLOW_BAND.flat, SLOW_BAND.zero))
-    fast = spectral.filter(states.gauge_torque - slow, band)
-    found = []
-    for shift in FAST_SHIFTS:
-        moved = np.zeros_like(fast)
-        if shift > 0:
-            moved[shift:] = fast[:-shift]
-        else:
-            moved[: fast.size + shift] = fast[-shift:]
-        found.append(Base(f"{FAST}{shift:+d}", moved))
-    return found
+    found = BANDS[-1]
+    for flat, zero in BANDS:
+        band = band_for(spectral.period, flat, zero)
+        rows = quiet(band)
+        x, y = (_octave(spectral, signal, band)[rows] for signal in (torque, torsion))
+        slow_x, slow_y = (_slow(spectral, signal)[rows] for signal in (torque, torsion))
+        compliance = -float(slow_x @ slow_y) / max(float(slow_x @ slow_x), 1e-300)
+        noise = y + compliance * x
+        if float(noise @ noise) * TOP_SNR <= compliance**2 * float(x @ x):
+            found = (flat, zero)
+            break
+    return band_for(spectral.period, *found)
+
+
+def _slow(spectral: Spectral, signal: FloatArray) -> FloatArray:
+    x = spectral.filter(signal, Band(*BANDS[-1]))
+    return np.asarray(x - x.mean())
+
+
+def _octave(spectral: Spectral, signal: FloatArray, band: Band) -> FloatArray:
+    """The part of a signal in the upper quarter of the flat part of a band."""
+    low = 0.75 * band.flat
+    upper = spectral.filter(signal, Band(band.flat, 1.2 * band.flat))
+    return np.asarray(upper - spectral.filter(signal, Band(low, 1.2 * low)))
 
 
 def compliance_of(channel: Channel) -> tuple[float, float]:
@@ -103,6 +125,10 @@ def with_damping(equations: JointEquations, damping: float) -> JointEquations:
     compliance = states.torsional_compliance
     states = replace(with_spring(states, equations.spectral, channel), torsional_compliance=compliance)
     return replace(equations, states=states, channels={**equations.channels, TRANSMISSION: channel})
+
+
+def _lower(band: Band) -> Band:
+    return Band(0.45 * band.flat, 0.7 * band.flat, band.step)
 
 
 def _lag(spectral: Spectral, damping: float) -> NDArray[np.complex128]:
