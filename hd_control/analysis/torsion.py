@@ -58,7 +58,8 @@ def torsion_band(
     """The widest band at whose top the torque over the stiffness still stands out of the noise of the torsion.
 
     Beyond it a loop's answer to the encoder's noise is a larger part of the torque than the motion is, and that noise
-    is in the torsion too: they go together as no spring does. `torsion` rad, `torque` N m (n,); `quiet`: rows to judge on.
+    is in the torsion too: they go together as no spring does. `torsion` rad, `torque` N m (n,); `quiet`: rows to
+    judge on.
     """
     found = BANDS[-1]
     for flat, zero in BANDS:
