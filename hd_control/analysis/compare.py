@@ -14,8 +14,10 @@ from hd_control.analysis.fit import Fit, RawRows
 from hd_control.analysis.hunt import Task, known_candidates, prepare
 from hd_control.analysis.joint_states import BoolArray
 from hd_control.analysis.noise import Noise
+from hd_control.analysis.orders import OrderRecord
 from hd_control.analysis.scores import Scores
 from hd_control.analysis.torsion import FAST
+from hd_control.analysis.wide_band import order_record
 from hd_control.drive.effect import UNITS
 
 NUISANCES = ("transmission_zero", FAST, "joint_delay", "torque_delay", "command_delay")
@@ -80,12 +82,17 @@ class ChannelComparison:
 
 @dataclass(frozen=True)
 class JointComparison:
-    """A model against one joint's recording."""
+    """A model against one joint's recording. `coefficients` (p,): those of the model as written."""
 
     joint: str
     channels: Mapping[str, ChannelComparison]
     dictionary: Dictionary
     refit: Fit
+    coefficients: FloatArray
+
+    def order_record(self, channel: str, refitted: bool = False) -> OrderRecord:
+        """A channel's residual over turns, as written or refitted, over the widest band."""
+        return order_record(self.refit, channel, self.refit.coefficients if refitted else self.coefficients)
 
     @property
     def noises(self) -> dict[str, Noise]:
@@ -110,14 +117,15 @@ def compare(task: Task, written: FloatArray | None, noises: Mapping[str, Noise] 
     fit = Fit.of(dictionary, scores, ())
     raw = RawRows(dictionary, ())
     refitted = raw.residual(fit.coefficients)
-    residual = refitted if written is None else raw.residual(_with_nuisances(fit, written))
+    coefficients = fit.coefficients if written is None else _with_nuisances(fit, written)
+    residual = refitted if written is None else raw.residual(coefficients)
     found = {}
     for name, channel in task.equations.channels.items():
         floor = noises[name].deviation
         found[name] = ChannelComparison(
             name, channel.time, channel.fitted, channel.left, residual[name], refitted[name], floor
         )
-    return JointComparison(task.equations.joint, found, dictionary, fit)
+    return JointComparison(task.equations.joint, found, dictionary, fit, coefficients)
 
 
 def _with_nuisances(fit: Fit, written: FloatArray) -> FloatArray:

@@ -192,7 +192,8 @@ class _Builder:
 
         def quiet(band: Band) -> BoolArray:
             fine, usable = Band(band.flat, band.zero), self.derived.usable
-            return np.asarray(usable & ~self._noisy(fine, usable, angles))
+            rows = np.asarray(usable & ~self._noisy(fine, usable, angles))
+            return rows if rows.any() else usable
 
         band = torsion_band(sp, torsion, self.states.gauge_torque, quiet)
         left = sp.filter(torsion, band)

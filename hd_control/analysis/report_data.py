@@ -13,7 +13,7 @@ from hd_control.analysis.compare import ChannelComparison, JointComparison
 from hd_control.analysis.condition_maps import ChannelMaps, conditions_of, maps_of
 from hd_control.analysis.figures_ladder import HorizonCurve, Rung
 from hd_control.analysis.order_lines import OrderLine, lines_of
-from hd_control.analysis.orders import OrderSpectrum, channel_record, order_spectrum
+from hd_control.analysis.orders import OrderSpectrum, order_spectrum
 from hd_control.analysis.verdict import JointDiagnosis
 from hd_control.analysis.zoom import Window, zoom_windows
 
@@ -117,7 +117,7 @@ def _channel_page(name: str, comparisons: Mapping[str, JointComparison]) -> Chan
         equations, channel = comparison.dictionary.equations, models[model]
         maps[model] = maps_of(conditions_of(equations, name), channel.residual, channel.used)
         ratio = equations.states.gear_ratio
-        record = channel_record(equations, name, channel.residual, channel.used)
+        record = comparison.order_record(name)
         spectrum = order_spectrum([record], ratio) if ratio != 1.0 else order_spectrum([record], None, 20.0, 1500.0)
         spectra[model] = (spectrum, lines_of(spectrum))
     first_name = next(iter(models))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hd_control.analysis.bands import Band, FloatArray, Spectral, band_for
 from hd_control.analysis.channels import Base, Channel, JointEquations
-from hd_control.analysis.joint_states import BoolArray
+from hd_control.analysis.joint_states import BoolArray, noise_density
 from hd_control.drive.effect import TRANSMISSION, DriveStates
 
 SIGNAL_DELAY_PRIOR = 5e-4
@@ -61,30 +61,21 @@ def torsion_band(
     is in the torsion too: they go together as no spring does. `torsion` rad, `torque` N m (n,); `quiet`: rows to
     judge on.
     """
-    found = BANDS[-1]
-    for flat, zero in BANDS:
-        band = band_for(spectral.period, flat, zero)
+    period = spectral.period
+    density = 2.0 * period * noise_density(torsion, period) ** 2
+    slow = [spectral.filter(signal, Band(*BANDS[-1])) for signal in (torque, torsion)]
+    for flat, zero in BANDS[:-1]:
+        band = band_for(period, flat, zero)
         rows = quiet(band)
-        x, y = (_octave(spectral, signal, band)[rows] for signal in (torque, torsion))
-        slow_x, slow_y = (_slow(spectral, signal)[rows] for signal in (torque, torsion))
-        compliance = -float(slow_x @ slow_y) / max(float(slow_x @ slow_x), 1e-300)
-        noise = y + compliance * x
-        if float(noise @ noise) * TOP_SNR <= compliance**2 * float(x @ x):
-            found = (flat, zero)
-            break
-    return band_for(spectral.period, *found)
-
-
-def _slow(spectral: Spectral, signal: FloatArray) -> FloatArray:
-    x = spectral.filter(signal, Band(*BANDS[-1]))
-    return np.asarray(x - x.mean())
-
-
-def _octave(spectral: Spectral, signal: FloatArray, band: Band) -> FloatArray:
-    """The part of a signal in the upper quarter of the flat part of a band."""
-    low = 0.75 * band.flat
-    upper = spectral.filter(signal, Band(band.flat, 1.2 * band.flat))
-    return np.asarray(upper - spectral.filter(signal, Band(low, 1.2 * low)))
+        x, y = (signal[rows] - signal[rows].mean() for signal in slow)
+        compliance = -float(x @ y) / max(float(x @ x), 1e-300)
+        upper, lower = Band(band.flat, 1.2 * band.flat), Band(0.75 * band.flat, 0.9 * band.flat)
+        top = (spectral.filter(torque, upper) - spectral.filter(torque, lower))[rows]
+        f = np.linspace(0.0, 1.2 * band.flat, 400)
+        noise = density * float(np.trapezoid((upper.gain(f) - lower.gain(f)) ** 2, f))
+        if top.size and compliance**2 * float(top @ top) / top.size >= TOP_SNR * noise:
+            return band
+    return band_for(period, *BANDS[-1])
 
 
 def compliance_of(channel: Channel) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from hd_control.analysis.link_function import LinkSide
 from hd_control.analysis.map_sentence import sentence
 from hd_control.analysis.noise import Noise
 from hd_control.analysis.order_lines import describe, lines_of
-from hd_control.analysis.orders import channel_record, order_spectrum
+from hd_control.analysis.orders import order_spectrum
 from hd_control.analysis.signal_checks import check_signals
 from hd_control.analysis.signals import Recording
 from hd_control.analysis.verdict import JointDiagnosis
@@ -99,16 +99,16 @@ def compare_joint(
         maps = maps_of(conditions_of(task.equations, name), channel.residual, channel.used)
         channels[name] = replace(channel, worst=tuple(worst(maps, WORST)))
         sentences[name] = sentence(maps, channel.noise_floor)
-        lines[name] = _order_lines(task, channel)
+        lines[name] = _order_lines(found, channel)
     notes = notes_of(recording, model, joint, side)
     present = recording.joints[joint].present
     return JointReport(joint, present, replace(found, channels=channels), sentences, lines, runs, notes)
 
 
-def _order_lines(task: Task, channel: ChannelComparison) -> tuple[str, ...]:
+def _order_lines(found: JointComparison, channel: ChannelComparison) -> tuple[str, ...]:
     """Named lines of the residual of the refitted model, cycles per turn."""
-    record = channel_record(task.equations, channel.name, channel.refitted, channel.used)
-    spectrum = order_spectrum([record], task.equations.states.gear_ratio)
+    record = found.order_record(channel.name, refitted=True)
+    spectrum = order_spectrum([record], found.dictionary.equations.states.gear_ratio)
     factor, unit = shown_unit(channel.unit)
     return tuple(describe(line, spectrum, unit, factor) for line in lines_of(spectrum))
 
