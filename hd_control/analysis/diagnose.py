@@ -9,14 +9,13 @@ from dataclasses import replace
 import numpy as np
 
 from hd_control.analysis.channels import JointEquations
-from hd_control.analysis.confidence import LEAST, confidence
+from hd_control.analysis.claims import beside, refuted, sure, unknown_in
 from hd_control.analysis.dictionary import Dictionary
 from hd_control.analysis.fit import Fit, RawRows
 from hd_control.analysis.gates import TORSION_SHAPES, Coverage, Lack, coverage, lacks, unsupported
 from hd_control.analysis.groups import Group
 from hd_control.analysis.hunt import Task, hunt
 from hd_control.analysis.intervals import Bootstrap
-from hd_control.analysis.leftover import bursts
 from hd_control.analysis.reversal_rows import presliding
 from hd_control.analysis.rivals import Rival, rivals
 from hd_control.analysis.scores import Scores
@@ -34,9 +33,6 @@ from hd_control.analysis.verdict import (
     Unknown,
 )
 from hd_control.drive.effect import MOTOR, TRANSMISSION, UNITS
-
-HIGHER = 1.02
-"""A name whose effect makes the held-out error of its channel larger by this factor is withdrawn."""
 
 
 def diagnose(task: Task, dictionary: Dictionary | None = None) -> JointDiagnosis:
@@ -100,17 +96,17 @@ def _answer(task: Task, found: Coverage, missing: list[Lack], search: Search, se
     raw = RawRows(dictionary, selection)
     channels = _errors(fit, raw, scores, selection)
     blocked = {name for lack in missing for name in lack.channels}
-    effects, denied = _effects(task, found, search, fit, raw, blocked)
+    effects, denied, withdrawn = _effects(task, found, search, fit, raw, blocked)
     effects += _near_reversals(task, fit, blocked)
-    unknown = _unknown(fit, raw, search, selection, blocked)
-    effects = _sure(effects, unknown is not None)
+    unknown = unknown_in(fit, raw, search, selection, blocked)
+    effects = sure(effects, unknown, {group.name: group.channels for group in selection})
     experiments = list(_experiments([*missing, *denied]))
     for effect in effects:
         experiments += _separating(task, effect)
     verdict = _verdict(effects, unknown, bool(denied), blocked, {*found.acceleration_snr, *found.too_short})
     if verdict == CANNOT_TELL:
         effects, unknown = (), None
-    notes = tuple(lack.what for lack in [*missing, *denied])
+    notes = (*(lack.what for lack in [*missing, *denied]), *withdrawn)
     seen = {(e.purpose, e.how): e for e in experiments}
     return JointDiagnosis(
         task.equations.joint, verdict, effects, unknown, tuple(seen.values()), channels, found, notes, fit
@@ -140,12 +136,13 @@ def _errors(fit: Fit, raw: RawRows, scores: Scores, selection: Selection) -> dic
 
 def _effects(
     task: Task, found: Coverage, search: Search, fit: Fit, raw: RawRows, blocked: set[str]
-) -> tuple[tuple[NamedEffect, ...], list[Lack]]:
-    """The selected library effects that the recording can carry, most important first; and what it cannot carry."""
+) -> tuple[tuple[NamedEffect, ...], list[Lack], list[str]]:
+    """The selected library effects that the recording can carry, most important first; what it cannot carry; and which
+    names were withdrawn, with the reason."""
     selection = fit.selection
     named = [group for group in selection if not group.is_curve]
     if not named:
-        return (), []
+        return (), [], []
     bootstrap = Bootstrap(fit)
     order: list[tuple[Group, float, float, tuple[Rival, ...]]] = []
     denied: list[Lack] = []
@@ -157,23 +154,27 @@ def _effects(
         support = search.support(group, tuple(g for g in selection if g is not group))
         order.append((group, support.gain, support.t, tuple(rivals(search, selection, group))))
     order.sort(key=lambda item: -item[1])
-    neighbours = _beside(search, selection)
+    neighbours = beside(search, selection)
     chosen: tuple[Group, ...] = ()
-    effects = []
-    before = raw.held_out_errors(search.scores, ())
+    effects, withdrawn = [], list[str]()
+    before, whole = raw.held_out_errors(search.scores, ()), raw.held_out_errors(search.scores, selection)
     for group, gain, t, others in order:
         chosen = (*chosen, group)
         after = raw.held_out_errors(search.scores, chosen)
         named_effect = _named(task, fit, bootstrap, group, gain, t, others, before, after)
         named_effect = replace(named_effect, beside=neighbours[group.name])
-        if named_effect.error_after > HIGHER * named_effect.error_before:
-            chosen = chosen[:-1]
+        without = raw.held_out_errors(search.scores, tuple(g for g in selection if g is not group))
+        why_not = refuted(named_effect, group, without, whole)
+        if why_not is not None:
+            chosen, withdrawn = chosen[:-1], [*withdrawn, why_not]
             continue
         effects.append(named_effect)
         before = after
     refused = len(named) > len(order) and not denied
-    return tuple(effects), denied if not refused else [Lack("structure in channels that the motion cannot decide", (),
-        "what the motion cannot decide", "see the other experiments")]  # fmt: skip
+    if refused:
+        what = "structure in channels that the motion cannot decide"
+        denied = [Lack(what, (), "what the motion cannot decide", "see the other experiments")]
+    return tuple(effects), denied, withdrawn
 
 
 def _named(
@@ -208,33 +209,6 @@ def _named(
     )
 
 
-def _beside(search: Search, selection: Selection) -> dict[str, float]:
-    """What the strongest other named effect gains on the channels of each, nats: no law is exact, and what it leaves on
-    its channels looks like weak effects there."""
-    whole = search.scores.channel_losses(search.index(selection))
-    gains = {}
-    for group in selection:
-        without = search.scores.channel_losses(search.index(tuple(g for g in selection if g is not group)))
-        gains[group.name] = {name: without[name] - whole[name] for name in group.channels}
-    return {
-        group.name: max(
-            (
-                sum(max(0.0, gains[other.name].get(name, 0.0)) for name in group.channels)
-                for other in selection
-                if other is not group and not other.is_curve
-            ),
-            default=0.0,
-        )
-        for group in selection
-    }
-
-
-def _sure(effects: tuple[NamedEffect, ...], unknown: bool) -> tuple[NamedEffect, ...]:
-    """The effects with their probabilities, without those that are more likely wrong than right."""
-    said = tuple(replace(e, confidence=confidence(e.gain, max(e.gain, e.beside), unknown)) for e in effects)
-    return tuple(effect for effect in said if effect.confidence >= LEAST)
-
-
 def _near_reversals(task: Task, fit: Fit, blocked: set[str]) -> tuple[NamedEffect, ...]:
     """Presliding, which only the rows near reversals show."""
     effect = task.library.get("presliding")
@@ -265,32 +239,3 @@ def _separating(task: Task, effect: NamedEffect) -> list[Experiment]:
     return [
         Experiment(f"{effect.name} against {other}", known[other]) for other in effect.confusable_with if other in known
     ]
-
-
-def _lowers(group: Group, raw: RawRows, search: Search) -> bool:
-    """True if a curve lowers the held-out error of one of its channels, in the unit of the channel."""
-    rest = tuple(g for g in raw.groups if g is not group)
-    before, after = raw.held_out_errors(search.scores, rest), raw.held_out_errors(search.scores, raw.groups)
-    return any(after[name] < before[name] for name in group.channels)
-
-
-def _unknown(fit: Fit, raw: RawRows, search: Search, selection: Selection, blocked: set[str]) -> Unknown | None:
-    """Free curves that survived, or bursts in time that no selected effect explains."""
-    left = [g for g in selection if g.curve is not None and not set(g.channels) <= blocked and _lowers(g, raw, search)]
-    if left:
-        gains = [search.support(g, tuple(h for h in selection if h is not g)).gain for g in left]
-        group = left[int(np.argmax(gains))]
-        assert group.curve is not None
-        channel = group.channels[0]
-        variables = group.curve.variables
-        words = " and ".join(v.replace("_", " ") for v in variables)
-        text = f"{channel.replace('_', ' ')}: the residual depends on {words}"
-        return Unknown(channel, variables, f"{text} ({max(gains):.0f} nats held out); no effect of the library fits")
-    for burst in bursts(fit):
-        if burst.found and burst.channel not in blocked:
-            times = ", ".join(f"{t:.1f}" for t in burst.times[:8])
-            text = (
-                f"{burst.channel.replace('_', ' ')}: bursts at {times} s (worst {burst.worst:.0f} standard deviations)"
-            )
-            return Unknown(burst.channel, ("time",), text)
-    return None

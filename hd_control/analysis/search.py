@@ -35,7 +35,7 @@ class Thresholds:
     ghost: float = 1e-4
     relative: float = 0.1
     beside_curve: float = 0.3
-    curve_relative: float = 0.005
+    curve_relative: float = 0.015
     """A curve must explain this share more than laws do: no law is exact, and a curve fits what it leaves."""
     curve_beside_any: float = 5e-4
     """The same beside laws without a shape."""

@@ -20,7 +20,7 @@ VERDICTS = (ADEQUATE, MISSING, UNKNOWN, MISSING_AND_UNKNOWN, CANNOT_TELL)
 class NamedEffect:
     """An effect that the data show to be missing. Errors: held-out RMS in the unit of `channel`, with the effects named
     before it and without, then with it. `parameters` by name with 95 % intervals; `units` by name. `beside`: gain of
-    the strongest other named effect on the same channels, nats."""
+    the strongest other named effect on the same channels, nats; `unknown_beside`: something unknown is left on one."""
 
     name: str
     title: str
@@ -35,6 +35,7 @@ class NamedEffect:
     evidence: str
     rivals: tuple[Rival, ...] = ()
     beside: float = 0.0
+    unknown_beside: bool = False
 
     @property
     def confusable_with(self) -> list[str]:
@@ -65,6 +66,7 @@ class NamedEffect:
             "confusable_with": self.confusable_with,
             "gain_nats": self.gain,
             "gain_beside_nats": self.beside,
+            "unknown_beside": self.unknown_beside,
         }
 
 
