@@ -15,14 +15,14 @@ ORDERS = (1, 2, 3, 4, 6)
 
 @dataclass(frozen=True)
 class Curve:
-    """A free curve: the variables that it depends on, in words, and its columns by channel.
+    """A free curve: the variables that it depends on, in words, and its columns by channel, made when asked for.
 
     `knots` (K,) of the variable, `kind` plain | with direction | with speed | with torque (what the curve multiplies).
     """
 
     name: str
     variables: tuple[str, ...]
-    columns: Columns
+    columns_at: Callable[[DriveStates], Columns]
     knots: FloatArray
     variable: str
     kind: str = "plain"
@@ -71,9 +71,6 @@ def curves(states: DriveStates, channels: set[str], time_too: bool = True) -> li
         found += _link_curves(states, time_too)
     if MOTOR in channels and LINK in channels:
         found += _gauge_curves(states, time_too)
-    for curve in found:
-        for name in set(curve.columns) - channels:
-            del curve.columns[name]
     return found
 
 
@@ -82,25 +79,32 @@ def _make(
 ) -> list[Curve]:
     if knots.size < 3:
         return []
-    columns = splines(x, knots)
-    if kind != "plain":
-        columns = columns * FACTORS[kind](states)[:, None]
-    elif channel == TRANSMISSION:  # a constant belongs to the assembly zero
-        columns = columns - columns.mean(axis=0)
+
+    def columns_at(states: DriveStates) -> Columns:
+        columns = splines(x, knots)
+        if kind != "plain":
+            columns *= FACTORS[kind](states)[:, None]
+        elif channel == TRANSMISSION:  # a constant belongs to the assembly zero
+            columns -= columns.mean(axis=0)
+        return {channel: columns}
+
     variables = (variable,) if kind == "plain" else (variable, kind.removeprefix("with "))
-    return [Curve(f"{channel}: {variable} {kind}", variables, {channel: columns}, knots, variable, kind)]
+    return [Curve(f"{channel}: {variable} {kind}", variables, columns_at, knots, variable, kind)]
 
 
-def _orders(channel: str, states: DriveStates, kind: str = "plain") -> Curve:
+def _waves(states: DriveStates) -> FloatArray:
     angle = states.motor_shaft_position[:, None] * np.array(ORDERS)
-    columns = np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
-    if kind != "plain":
-        columns = columns * FACTORS[kind](states)[:, None]
+    return np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def _orders(channel: str, kind: str = "plain") -> Curve:
+    def columns_at(states: DriveStates) -> Columns:
+        columns = _waves(states)
+        return {channel: columns if kind == "plain" else columns * FACTORS[kind](states)[:, None]}
+
     variables = ("motor_shaft_position",) if kind == "plain" else ("motor_shaft_position", kind.removeprefix("with "))
-    knots = np.array(ORDERS, dtype=float)
-    return Curve(
-        f"{channel}: motor_shaft_position {kind}", variables, {channel: columns}, knots, "motor_shaft_position", kind
-    )
+    name, knots = f"{channel}: motor_shaft_position {kind}", np.array(ORDERS, dtype=float)
+    return Curve(name, variables, columns_at, knots, "motor_shaft_position", kind)
 
 
 def _turned(states: DriveStates) -> bool:
@@ -120,7 +124,7 @@ def _motor_curves(s: DriveStates, time_too: bool) -> list[Curve]:
         found += _make(MOTOR, s, "joint_torque", s.joint_torque, quantile_knots(s.joint_torque, 9))
         found += _make(MOTOR, s, "joint_torque", load, quantile_knots(load, 7), "with direction")
         found += _make(MOTOR, s, "joint_torque", load, quantile_knots(load, 7), "with speed")
-        found += [_orders(MOTOR, s, "with torque")] if _turned(s) else []
+        found += [_orders(MOTOR, "with torque")] if _turned(s) else []
     if time_too:
         for kind, count in (("plain", 12), ("with direction", 24), ("with speed", 12)):
             found += _make(MOTOR, s, "time", s.time, even_knots(s.time, count), kind)
@@ -131,7 +135,7 @@ def _motor_curves(s: DriveStates, time_too: bool) -> list[Curve]:
     if np.isfinite(s.motor_torque).all() and _usable(s.motor_torque, 1e-6):
         found += _make(MOTOR, s, "motor_torque", s.motor_torque, quantile_knots(s.motor_torque, 9))
     if _turned(s):
-        found += [_orders(MOTOR, s), _orders(MOTOR, s, "with direction")]
+        found += [_orders(MOTOR), _orders(MOTOR, "with direction")]
     return found
 
 
@@ -148,7 +152,7 @@ def _transmission_curves(s: DriveStates, time_too: bool) -> list[Curve]:
     if _usable(s.temperature, 1.0):
         found += _make(TRANSMISSION, s, "temperature", s.temperature, even_knots(s.temperature, 6))
     if _turned(s):
-        found += [_orders(TRANSMISSION, s), _orders(TRANSMISSION, s, "with torque")]
+        found += [_orders(TRANSMISSION), _orders(TRANSMISSION, "with torque")]
     return found
 
 
@@ -165,7 +169,7 @@ def _link_curves(s: DriveStates, time_too: bool) -> list[Curve]:
     if _usable(s.joint_torque, 1e-6):
         found += _make(LINK, s, "joint_torque", s.joint_torque, quantile_knots(s.joint_torque, 9))
     if _turned(s):
-        found += [_orders(LINK, s)]
+        found += [_orders(LINK)]
     return found
 
 
@@ -178,23 +182,18 @@ def _gauge_curves(s: DriveStates, time_too: bool) -> list[Curve]:
         sources.append(("temperature", s.temperature, even_knots(s.temperature, 6)))
     if _usable(s.joint_torque, 1e-6):
         sources.append(("joint_torque", s.joint_torque, quantile_knots(s.joint_torque, 9)))
-    found = []
-    for variable, x, knots in sources:
-        if knots.size >= 3:
-            columns = splines(x, knots)
-            found.append(Curve(f"gauge: {variable} plain", (variable,), misread(s, columns), knots, variable))
+    found = [_gauge_curve(variable, x, knots) for variable, x, knots in sources if knots.size >= 3]
     if _turned(s):
-        orders = _orders(LINK, s).columns[LINK]
+        name, knots = "motor_shaft_position", np.array(ORDERS, dtype=float)
         found.append(
-            Curve(
-                "gauge: motor_shaft_position plain",
-                ("motor_shaft_position",),
-                misread(s, orders),
-                np.array(ORDERS, dtype=float),
-                "motor_shaft_position",
-            )
+            Curve(f"gauge: {name} plain", (name,), lambda states: misread(states, _waves(states)), knots, name)
         )
     return found
+
+
+def _gauge_curve(variable: str, x: FloatArray, knots: FloatArray) -> Curve:
+    name = f"gauge: {variable} plain"
+    return Curve(name, (variable,), lambda states: misread(states, splines(x, knots)), knots, variable)
 
 
 def misread(states: DriveStates, columns: FloatArray) -> Columns:

@@ -6,8 +6,9 @@ columns have unit norm after whitening; a coefficient that acts on several chann
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -161,7 +162,7 @@ class Dictionary:
 
 def build(
     equations: JointEquations,
-    candidates: Sequence[Candidate],
+    candidates: Iterable[Candidate],
     fixed: Sequence[Candidate] = (),
     noises: Mapping[str, Noise] | None = None,
 ) -> Dictionary:
@@ -197,26 +198,27 @@ def base_of(channel: Channel, names: Sequence[tuple[str, str]]) -> IntArray:
 class _Layout:
     """Which coefficient is whose."""
 
-    def __init__(self, equations: JointEquations, candidates: Sequence[Candidate], fixed: Sequence[Candidate]) -> None:
-        self.equations, self.candidates = equations, [*fixed, *candidates]
+    def __init__(self, equations: JointEquations, candidates: Iterable[Candidate], fixed: Sequence[Candidate]) -> None:
+        self.equations = equations
         self.base_names = list(dict.fromkeys(_key(n, base) for n, c in equations.channels.items() for base in c.base))
         self.groups: list[Group] = []
-        size = len(self.base_names)
-        for candidate in self.candidates:
-            self.groups.append(group_of(candidate, size))
-            size += self.groups[-1].index.size
-        self.size = size
+        self.size = len(self.base_names)
+        self._columns = {n: [c.base_matrix] for n, c in equations.channels.items()}
+        self._index = {n: [base_of(c, self.base_names)] for n, c in equations.channels.items()}
+        for candidate in chain(fixed, candidates):  # filtered at once, so that the raw columns can go
+            group = group_of(candidate, self.size)
+            self.groups.append(group)
+            self.size += group.index.size
+            for name, columns in candidate.columns.items():
+                if name in equations.channels:
+                    self._columns[name].append(equations.channels[name].rows_of(columns))
+                    self._index[name].append(group.index)
         known = len(self.base_names) + sum(group.index.size for group in self.groups[: len(fixed)])
         self.base = np.arange(known)
 
     def raw(self, channel: Channel) -> tuple[FloatArray, IntArray]:
-        """Filtered columns (rows, p) of a channel and their coefficients."""
-        parts, index = [channel.base_matrix], [base_of(channel, self.base_names)]
-        for candidate, group in zip(self.candidates, self.groups, strict=True):
-            if channel.name in candidate.columns:
-                parts.append(channel.rows_of(candidate.columns[channel.name]))
-                index.append(group.index)
-        return np.concatenate(parts, axis=1), np.concatenate(index)
+        """Filtered columns (rows, p) of a channel and their coefficients; may be asked for once."""
+        return np.concatenate(self._columns.pop(channel.name), axis=1), np.concatenate(self._index[channel.name])
 
     def precision(self) -> FloatArray:
         """1 / variance of each coefficient by the priors of the base."""

@@ -193,6 +193,6 @@ def _columns(group: Group, states: object) -> Mapping[str, FloatArray]:
 
     assert isinstance(states, DriveStates)
     if group.curve is not None:
-        return group.curve.columns
+        return group.curve.columns_at(states)
     assert group.effect is not None
     return group.effect.columns(states, group.shape)

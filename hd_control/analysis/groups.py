@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -43,22 +43,25 @@ class Candidate:
 
 
 def library_candidates(
-    effects: Iterable[type[Effect]], states: DriveStates, channels: Sequence[str]
-) -> list[Candidate]:
-    """Every shape of every effect that acts on one of the channels and whose columns are finite on this recording."""
-    found = []
+    effects: Iterable[type[Effect]], states: DriveStates, channels: Collection[str]
+) -> Iterator[Candidate]:
+    """Every shape of every effect that acts on one of the channels and whose columns are finite on this recording.
+
+    One at a time: the columns of all of them together would not fit a small computer.
+    """
     for effect in effects:
         for shape in effect.shapes(states):
             columns = {n: c for n, c in effect.columns(states, shape).items() if n in channels}
             finite = all(np.isfinite(c).all() for c in columns.values())
             if columns and finite and any(c.any() for c in columns.values()):
-                found.append(Candidate(effect.name, columns, effect, shape))
-    return found
+                yield Candidate(effect.name, columns, effect, shape)
 
 
-def curve_candidates(found: Iterable[Curve]) -> list[Candidate]:
-    """Free curves as candidates."""
-    return [Candidate(curve.name, curve.columns, curve=curve) for curve in found]
+def curve_candidates(found: Iterable[Curve], states: DriveStates, channels: Collection[str]) -> Iterator[Candidate]:
+    """Free curves as candidates, one at a time."""
+    for curve in found:
+        columns = {n: c for n, c in curve.columns_at(states).items() if n in channels}
+        yield Candidate(curve.name, columns, curve=curve)
 
 
 def group_of(candidate: Candidate, start: int) -> Group:

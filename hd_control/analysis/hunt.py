@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
 from hd_control.analysis.cancelling import without_cancelling
 from hd_control.analysis.channels import JointEquations
-from hd_control.analysis.curves import Curve, curves, misread
+from hd_control.analysis.curves import curves
 from hd_control.analysis.dictionary import Dictionary, base_of, build
 from hd_control.analysis.fit import Fit
 from hd_control.analysis.groups import Candidate, Group, curve_candidates, library_candidates
@@ -55,12 +56,12 @@ class Task:
 def prepare(task: Task) -> Dictionary:
     """The dictionary of everything that could be missing, in units in which the baseline's a and b are 1."""
     equations = task.equations
-    channels = list(equations.channels)
+    channels = set(equations.channels)
     names = {effect.name for effect, _ in task.known}
     effects = [e for n, e in task.library.items() if not e.in_every_model and n not in names and n not in SECOND_STAGE]
-    candidates = library_candidates(effects, equations.states, channels)
-    candidates += curve_candidates(curves(equations.states, set(channels)))
-    return build(equations, candidates, known_candidates(task))
+    laws = library_candidates(effects, equations.states, channels)
+    nets = curve_candidates(curves(equations.states, channels), equations.states, channels)
+    return build(equations, chain(laws, nets), known_candidates(task))
 
 
 def known_candidates(task: Task) -> list[Candidate]:
@@ -240,9 +241,7 @@ class Chase:
     def _again(self, group: Group, better: Candidate | None) -> Candidate:
         states, channels = self.dictionary.equations.states, self.dictionary.rows
         if group.curve is not None:
-            columns = misread(states, group.curve.columns[LINK])
-            curve = Curve(**{**vars(group.curve), "columns": columns})
-            return Candidate(group.name, columns, curve=curve)
+            return next(curve_candidates([group.curve], states, channels))
         assert group.effect is not None
         shape = group.shape if better is None else better.shape
         columns = {n: c for n, c in group.effect.columns(states, shape).items() if n in channels}
