@@ -134,7 +134,7 @@ def _parameters(effects: list[Mapping[str, Any]], truth: Mapping[str, Mapping[st
         for name, value in true.items():
             if name not in given or given[name].get("value") is None:
                 continue
-            size = _size(name, true)
+            size, value = _size(name, true), _same_turn(name, value, float(given[name]["value"]))
             error = abs(float(given[name]["value"]) - value) / size if size > 0.0 else math.inf
             low, high = given[name].get("low"), given[name].get("high")
             covered = None if low is None or high is None else bool(low <= value <= high)
@@ -142,8 +142,17 @@ def _parameters(effects: list[Mapping[str, Any]], truth: Mapping[str, Mapping[st
     return found
 
 
+def _same_turn(name: str, value: float, near: float) -> float:
+    """A phase by whole turns next to another one; other values as they are."""
+    turn = 2.0 * math.pi
+    return value + turn * round((near - value) / turn) if name.endswith("_phase") else value
+
+
 def _size(name: str, true: Mapping[str, float]) -> float:
-    """What an error is relative to: the value, or the amplitude of the wave that the parameter belongs to."""
+    """What an error is relative to: the value, the amplitude of the wave that the parameter belongs to, 1 rad of a
+    phase."""
+    if name.endswith("_phase"):
+        return 1.0
     kind, _, order = name.rpartition("_")
     if kind in ("cosine", "sine") or kind.endswith(("_cosine", "_sine")):
         stem = kind.removesuffix("cosine").removesuffix("sine")

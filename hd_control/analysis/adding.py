@@ -11,7 +11,7 @@ from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.dictionary import Dictionary
 from hd_control.analysis.groups import Group
 from hd_control.analysis.hunt import SECOND_STAGE, Chase, Task, prepare
-from hd_control.analysis.intervals import Bootstrap, Interval, interval_of
+from hd_control.analysis.intervals import Bootstrap, Interval, interval_of, widened
 from hd_control.analysis.joint_task import DELAY
 from hd_control.analysis.reversal_rows import presliding
 from hd_control.analysis.search import Selection
@@ -164,9 +164,9 @@ class _Table:
     def _put(
         self, effect: str, values: Mapping[str, tuple[float, FloatArray]], about: Mapping[str, EffectParameter]
     ) -> None:
-        for name, (value, draws) in values.items():
-            interval = interval_of(value, draws)
-            self._draws[effect, name] = draws
+        intervals = widened(effect, {name: interval_of(value, draws) for name, (value, draws) in values.items()})
+        for name, interval in intervals.items():
+            self._draws[effect, name] = values[name][1]
             remark = self._remark(effect, name, interval, about.get(name))
             self._write(effect, about.get(name), interval, remark, name)
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-WEIGHTS = (-1.9, 1.9, 0.95, -3.5)
+WEIGHTS = (-2.5, 1.8, 1.1, -3.3)
 """Offset, log10 of the gain, log10 of it over the strongest gain on its channels, something unknown left (logistic)."""
 LARGEST_GAIN, SMALLEST_SHARE = 1e4, 1e-4
 LEAST = 0.5

@@ -13,7 +13,7 @@ import numpy as np
 
 from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.fit import Fit, RawRows
-from hd_control.analysis.intervals import Interval
+from hd_control.analysis.intervals import Interval, widened
 from hd_control.drive.effect import MOTOR
 from hd_control.drive.effects.presliding import Presliding
 
@@ -101,7 +101,8 @@ def _judge(sums: FloatArray, error: float, noise: float, coulomb: float) -> Pres
         "presliding_distance": Interval(distance, float(low[0]), float(high[0])),
         "presliding_torque": Interval(noise * torque, noise * float(low[1]), noise * float(high[1])),
     }
-    return PreslidingFound(gain, t, error, error * float(np.sqrt(max(0.0, 1.0 - gain / energy))), values)
+    after = error * float(np.sqrt(max(0.0, 1.0 - gain / energy)))
+    return PreslidingFound(gain, t, error, after, widened(Presliding.name, values))
 
 
 def _vertex(total: FloatArray) -> tuple[float, float]:
