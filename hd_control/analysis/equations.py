@@ -54,6 +54,8 @@ ACCELERATION_SNR = 10.0
 
 COMMAND_DELAY_PRIOR = 3e-5
 TONE_ORDERS = (1, 2)
+COARSE = 0.5
+"""Count of an angle over that of the coarsest one of a channel below which its tones do not matter."""
 MOST_NOISY = 0.6
 """Share of a channel's rows that may be left out because of the counts of an angle."""
 LEAST_ROWS = 250
@@ -151,11 +153,14 @@ class _Builder:
         """Rows at which the counts of an angle are a tone in the band or repeat with the motion: no white noise.
 
         A tone of the encoder also comes back through the controller. `angles`: harmonics of the counts that matter, by
-        the name of the angle; one that would take most rows is let in.
+        the name of the angle; one that would take most rows is let in, and one much finer than another is no matter.
         """
         noisy = np.zeros(valid.size, dtype=bool)
+        coarsest = max(quantum(self.derived.filled[name]) for name in angles)
         for name, orders in angles.items():
             angle = self.derived.filled[name]
+            if quantum(angle) < COARSE * coarsest:
+                continue
             velocity = self.derived.motor_velocity if name == "motor_position" else self.derived.joint_velocity
             count, period = quantum(angle), self.signals.period
             rows = count_tone(velocity[:: band.step], count, period, band.zero, orders)
