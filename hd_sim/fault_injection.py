@@ -149,6 +149,7 @@ class FaultyRunner(Runner):
         if topics.COMMAND in bus:
             self.world.command(slice(None), bus[topics.COMMAND]["effort"], tick)
             self.used_tick = tick
+        self.motion.controller_mode = self.torque.mode
         self.tick = tick + 1
         return bus
 

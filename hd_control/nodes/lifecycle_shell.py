@@ -91,7 +91,7 @@ class Shell(LifecycleNode):
         """Level, one line and named values for diagnostics."""
         return OK, "", {}
 
-    def emergency(self) -> None:
+    def emergency(self, error: BaseException | None = None) -> None:
         """After an exception in the loop or a callback: bring the outputs to a stop."""
 
     # Lifecycle --------------------------------------------------------------------------------------------------
@@ -159,7 +159,7 @@ class Shell(LifecycleNode):
         if not self.fault:
             self.fault = f"{type(error).__name__}: {error}"
             self.get_logger().error("".join(traceback.format_exception(error)))
-        self.emergency()
+        self.emergency(error)
 
     def publish_diagnostics(self) -> None:
         """Once a second: state, loop statistics, faults."""

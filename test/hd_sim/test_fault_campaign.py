@@ -2,6 +2,7 @@
 
 import math
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from restart_runs import restart_cycles
 
 from hd_control.core.errors import ConfigError
 from hd_control.core.faults import FaultCode
-from hd_sim.fault_injection import Case, FaultyRunner, Injection, draw_case
+from hd_sim.fault_injection import Case, FaultyRunner, Injection, draw_case, make_runner
 from hd_sim.plant_config import PlantConfig
 from hd_sim.runner import Runner, RunSetup
 
@@ -81,9 +82,28 @@ def test_f05_a_jump_that_stays_stops_with_the_third_reading():
 
 
 @pytest.mark.parametrize("target", ["encoder", "resolver"])
-def test_f03_f07_a_stuck_position_sensor_stops_a_moving_joint(target):
-    verdict = run_case(case(target, "stuck"))
-    assert 400 < verdict.stop_tick < 480 and verdict.problems == []
+@pytest.mark.parametrize("velocity", [0.3, 0.02])
+def test_f03_a_stuck_position_sensor_stops_a_moving_joint(target, velocity):
+    """Fast motion is stopped by the control that runs away; slow motion by the readings that repeat."""
+    one = replace(case(target, "stuck", distance=0.02), velocity=velocity)
+    verdict = run_case(one)
+    assert 400 < verdict.stop_tick <= 400 + 80 and verdict.problems == []
+    if velocity < 0.1:
+        assert verdict.detected == FaultCode.VALUE_FROZEN.name
+
+
+def test_f08_three_readings_at_the_rail_degrade_twenty_stop():
+    """The fusion law cannot tell the torque law anything but the torque itself; that one sees the rail, too."""
+    modes = []
+    runner = make_runner(replace(case("gauge_bridge", "ok"), injections=()))
+    for tick in range(330):
+        if tick == 300:
+            runner.fusion._limit[2] = 1e9  # the jump to the rail is not what is looked at here
+            runner.injections = (Injection("gauge_bridge", "wrong", -1, 300, 40, 7.0),)
+        runner.step()
+        modes.append(runner.torque.mode)
+    assert modes.index("DEGRADED") in (302, 303)
+    assert modes.index("STOPPING") in range(319, 323)
 
 
 def test_f01_every_second_sample_lost_stops_although_never_ten_in_a_row():
@@ -123,19 +143,6 @@ def test_g3_no_false_stop():
 
 def test_g20_restart_without_a_jump():
     assert restart_cycles(3, SEED) == []
-
-
-def test_g19_the_last_two_seconds_before_a_stop_stay_in_memory():
-    fault = Injection("motor_torque_command", "off", -1, 2500, 1000, 1.0)
-    exception = Injection("torque", "exception", -1, 2500, 1, 1.0)
-    for injection, in_law in ((fault, False), (exception, True)):
-        runner = FaultyRunner(RunSetup(PlantConfig.from_file("single_joint_5"), 1), [injection], 1)
-        for _ in range(4000):
-            runner.step()
-        rows = runner.torque.black_box.rows()
-        assert runner.torque.black_box.complete is in_law
-        if in_law:
-            assert rows[0, 0] == 500 and rows[-1, 0] == 3500 and len(rows) == 3001
 
 
 def test_a1_freezes_the_estimates_bit_for_bit_and_ends_by_itself():

@@ -18,6 +18,7 @@ LIMITS = m.SensorLimits(
     disagree_samples=5.0,
     frozen_samples=4.0,
     rail_samples=3.0,
+    stuck_motion_limit=np.array([0.002, 0.002]),
 )
 NOTHING = np.zeros(2)
 
