@@ -40,7 +40,7 @@ class SlowMotion:
         before = self.rate
         self.rate = max(SLOW_RATE, before - self._step) if slow else min(1.0, before + self._step)
         self.slope = (self.rate - before) / self.period
-        self.lag += 1.0 - self.rate
+        self.lag += 1.0 - 0.5 * (self.rate + before)
 
     def scale(self, motion: FloatArray) -> None:
         """Velocity and acceleration of the path (3n,) become those of the reference, in place."""

@@ -78,7 +78,7 @@ def test_before_activation_nothing_leaves_and_faults_only_report():
         ({"tick": [401.0, 2.0**54]}, FaultCode.STAMP_STUCK, 2.0**54, 400.0),
     ],
 )
-def test_a_bad_input_begins_a_controlled_stop_in_the_same_sample(case, code, value, bound):
+def test_f02_f04_f18_a_bad_input_begins_a_controlled_stop_in_the_same_sample(case, code, value, bound):
     bench = Bench()
     out, faults = bench.send(**case)
     assert bench.guard.controlled and bench.guard.mode is Mode.HOLDING and not bench.guard.gate.stopped
@@ -156,7 +156,7 @@ def test_a_running_stop_does_not_begin_anew():
         assert bench.guard.stop.elapsed == k + 1.0
 
 
-def test_leaving_the_stop_makes_it_a_ramp():
+def test_f42_leaving_the_stop_makes_it_a_ramp():
     bench = Bench()
     bench.send(demands=[demand(Action.CONTROLLED_STOP)])
     bench.guard.measured.motor_velocity = [0.0, 0.4]
@@ -180,7 +180,7 @@ def test_the_drive_side_holds_only_while_its_brakes_close():
     assert outs[4:] == [0.0, 0.0, 0.0] and bench.guard.mode is Mode.STOPPED
 
 
-def test_twenty_rate_excesses_in_a_row_become_a_controlled_stop():
+def test_f39_twenty_rate_excesses_in_a_row_become_a_controlled_stop():
     bench = Bench()
     for k in range(25):
         out, faults = bench.send([1200.0 if k % 2 else -1200.0, -7.0])
@@ -383,6 +383,31 @@ def test_a_reset_while_inactive_does_not_activate():
         bench.send()
     assert bench.guard.reset() == [] and bench.guard.mode is Mode.INACTIVE
     assert bench.send()[0].tolist() == [0.0, 0.0]
+
+
+def test_f36_the_last_tick_that_a_double_counts_is_used_the_next_is_not():
+    bench = Bench()
+    bench.send(tick=2.0**53 - 1.0)
+    _, faults = bench.send(tick=2.0**53)
+    assert faults == [] and not bench.guard.stopped
+    _, faults = bench.send(tick=2.0**53 + 2.0)
+    assert {fault.code for fault in faults} == {FaultCode.STAMP_STUCK} and bench.guard.stopped
+
+
+@pytest.mark.parametrize("torque", [594.0, -594.0, 700.0])
+def test_f08_three_readings_at_the_rail_degrade(torque):
+    bounds, run = limits().guard, np.zeros(N)
+    rail = float(bounds.gauge_rail[1])
+    assert rail == 600.0
+    for k in range(1, 5):
+        run, faults = watchers.gauge_rail(np.array([0.0, torque]), run, bounds)
+        assert run.tolist() == [0.0, k]
+        expected = [(FaultCode.GAUGE_RAIL, 1, torque, rail, Action.DEGRADE)] if k >= 3 else []
+        assert [(f.code, f.joint, f.value, f.limit, f.action) for f in faults] == expected
+    assert watchers.gauge_rail(np.array([0.0, 593.9]), run, bounds) == (pytest.approx(np.zeros(N)), [])
+    for free in ([0.0, math.nan], [2300.0, 0.0]):
+        after, faults = watchers.gauge_rail(np.array(free), run, bounds)
+        assert after.tolist() == [0.0, 0.0] and faults == []
 
 
 def test_f01_a_tenth_is_forgiven_exactly():

@@ -137,7 +137,7 @@ def test_a_compliant_stream_leaves_bit_for_bit(changes):
 
 @pytest.mark.parametrize("gate", GATES)
 class TestBothForms:
-    def test_too_large_is_cut_counted_and_reported(self, gate):
+    def test_f37_too_large_is_cut_counted_and_reported(self, gate):
         state = opened(applied=(95.0, -48.0, 0.0))
         out, new, faults = send(gate, [101.0, -51.0, 0.5], state)
         assert out.tolist() == [100.0, -50.0, 0.5]
@@ -147,7 +147,7 @@ class TestBothForms:
         ]
         assert new.saturated_samples.tolist() == [1, 1, 0] and new.rate_limited_samples.tolist() == [0, 0, 0]
 
-    def test_rate_is_measured_from_the_torque_that_left(self, gate):
+    def test_f38_rate_is_measured_from_the_torque_that_left(self, gate):
         """Asked for 40 twice with a step of 10: 10, then 20. Measured from the request the second would be 40."""
         out, state, faults = send(gate, [40.0, 0.0, 0.0], opened())
         assert out[0] == 10.0 and faults[0].code is FaultCode.RATE_LIMITED

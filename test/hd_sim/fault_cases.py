@@ -11,7 +11,6 @@ from hd_control.core.resources import config_path
 from hd_control.core.strict_yaml import load_params_file
 from hd_sim.fault_injection import ARMED, make_runner, start_motion
 
-
 BEFORE_TICKS = 2000
 SENSOR_TOPICS = ("encoder", "resolver", "gauge_bridge", "motor_torque_applied", "motor_torque_command")
 ESTIMATES = ("coulomb_torque", "friction_offset", "viscous_positive", "viscous_negative", "torsional_compliance")
@@ -62,7 +61,8 @@ def run_case(case):
                 first_stops.setdefault(name, tick)
         if stop_tick < 0 and (seam.stopped or runner.torque.guard.stopped):
             stop_tick = tick
-            first = runner.torque.faults.first_stop or runner.world.faults.first_stop
+            books = (runner.fusion.faults, runner.torque.faults, runner.world.faults)
+            first = next((book.first_stop for book in books if book.first_stop is not None), None)
             detected = first.code.name if first is not None else "?"
     found = [*oracle.found[:5], *degraded.found[:5]]
     problems = [f"{letter} joint {joint} at tick {tick}" for tick, letter, joint in found]

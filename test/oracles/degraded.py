@@ -1,4 +1,4 @@
-"""What a degraded robot may do (A1), written down apart from the stages: estimates stand still, the reference is slow."""
+"""What a degraded robot may do (A1), written down apart from the stages: estimates stand, the reference is slow."""
 
 SETTLE_TICKS = 200
 """Ticks within which the reference must have slowed down."""

@@ -113,10 +113,14 @@ def _put(parent: ast.AST, field: str, place: int | None, node: ast.AST) -> None:
 RUNNER = """
 import importlib.abc, importlib.machinery, importlib.util, os, sys
 module, source = sys.argv[1], sys.stdin.read()
+library = sys.argv[2].endswith(".so")
 class Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     def find_spec(self, name, path, target=None):
         if name != module:
             return None
+        if library:
+            loader = importlib.machinery.ExtensionFileLoader(name, sys.argv[2])
+            return importlib.util.spec_from_file_location(name, sys.argv[2], loader=loader)
         spec = importlib.util.spec_from_loader(name, self, origin=sys.argv[2])
         spec.has_location = True
         return spec
@@ -134,7 +138,16 @@ sys.exit(pytest.main(["-q", "-x", "--no-header", "-p", "no:cacheprovider", "--tb
 
 def notices(module: str, source: str, tests: list[str], seconds: float = 300.0) -> bool:
     """Do the tests fail with this source in the place of the module?"""
-    command = [sys.executable, "-c", RUNNER, module, str(path_of(module)), *tests]
+    return _fails([module, str(path_of(module)), *tests], source, seconds)
+
+
+def notices_library(module: str, library: Path, tests: list[str], seconds: float = 600.0) -> bool:
+    """Do the tests fail with this compiled library in the place of the module?"""
+    return _fails([module, str(library), *tests], "", seconds)
+
+
+def _fails(arguments: list[str], source: str, seconds: float) -> bool:
+    command = [sys.executable, "-c", RUNNER, *arguments]
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
     try:
         done = subprocess.run(
