@@ -24,11 +24,12 @@ class SlowMotion:
     def __init__(self, period: float) -> None:
         self.period = period
         self._step = (1.0 - SLOW_RATE) * period / CHANGE_TIME
+        self.slope = 0.0
         self.reset()
 
     def reset(self) -> None:
         """Full rate, no lag."""
-        self.rate, self.slope, self.lag = 1.0, 0.0, 0.0
+        self.rate, self.lag = 1.0, 0.0
 
     @property
     def at_rest(self) -> bool:

@@ -267,13 +267,30 @@ def test_f03_a_position_sensor_that_repeats_itself_while_the_other_moves(speed, 
 
 
 def test_f03_a_blocked_joint_that_is_wound_up_is_no_stuck_sensor():
-    """The motor moves by what the spring twists: the joint is expected to stand."""
-    assert stuck_run(lambda k: 0.9e-4 * k, lambda k: 0.0, torque=lambda k: 0.9e-4 * k) is None
-    assert stuck_run(lambda k: 0.0, lambda k: 0.0, torque=lambda k: 0.9e-4 * k) is None, "a gauge that drifts at rest"
+    """The motor moves by what the spring twists: the joint is expected to stand; and the other way round."""
+    assert stuck_run(lambda k: 0.3 + 0.9e-4 * k, lambda k: 0.0, torque=lambda k: 0.9e-4 * k) is None
+    assert stuck_run(lambda k: 0.3, lambda k: 0.9e-4 * k, torque=lambda k: -0.9e-4 * k) is None
+
+
+def test_f03_a_gauge_that_drifts_at_rest_is_no_motion():
+    """Also when the readings change now and then, and motor and joint are far apart."""
+    drift = lambda k: 0.9e-4 * k  # noqa: E731 - as short as the others
+    for encoder in (lambda k: 0.3, lambda k: 0.3 + 1e-9 * (k // 90)):
+        assert stuck_run(encoder, lambda k: 0.0, torque=drift) is None
+        assert stuck_run(lambda k: 0.0, encoder, torque=drift) is None
+
+
+def test_f03_exactly_the_limit_is_no_fault():
+    limit, memory = np.full(2, 2.0**-9), sm.first_stuck(np.zeros((2, 2)))
+    for k in range(1, 40):
+        positions = np.array([[0.0, min(k - 1, 32) * 2.0**-14], [0.0, 0.0]])
+        missed, memory, faults = sm.stuck(positions, np.zeros(2), memory, 20.0, limit)
+        assert faults == []
+    assert missed.tolist() == [0.0, 2.0**-9]
 
 
 def test_f03_one_other_reading_begins_the_count_anew_and_no_number_expects_nothing():
-    assert stuck_run(lambda k: 0.9e-4 * k, lambda k: 1e-9 * (k // 19)) is None
+    assert stuck_run(lambda k: 0.9e-4 * k, lambda k: 1e-9 * (k // 20)) is None
     assert stuck_run(lambda k: 0.9e-4 * k, lambda k: 0.0, torque=math.nan) is None
     gap = stuck_run(lambda k: 0.9e-4 * k, lambda k: 0.0, torque=lambda k: math.nan if k < 30 else 0.0)
     assert gap == (53, 1), "expected from the first number on"

@@ -81,6 +81,9 @@ def test_a1_the_reference_runs_at_a_quarter_of_its_speed_and_reaches_the_goal_la
     assert oracle.found == [] and bench.stage.slow.rate == SLOW_RATE
     rows = bench.run(2500, "ACTIVE")
     consistent(rows)
+    steady = rows[begin + 220 : begin + 690]
+    rises = np.diff(steady[:, 1], axis=0) / DT
+    np.testing.assert_allclose(rises, 0.5 * (steady[1:, 2] + steady[:-1, 2]), atol=0.01)
     assert bench.stage.slow.at_rest and not bench.stage.follower.moving(bench.tick)
     np.testing.assert_array_equal(rows[-1, 0], path.end.position)
     late = bench.stage.follower.active.end_tick - path.end_tick
