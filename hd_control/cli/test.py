@@ -31,9 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="run the long campaigns of test/campaigns instead, all or those of the goals named (G1 G3)",
     )
     parser.add_argument("--goals", action="store_true", help="print the reliability goals with the figures reached")
-    parser.add_argument(
-        "--count", type=int, metavar="N", help="cases, runs or repeats of a campaign; its own if left out"
-    )
+    parser.add_argument("--count", type=int, metavar="N", help="cases, runs or repeats of a campaign")
     parser.add_argument("--hours", type=float, metavar="H", help="simulated hours of G3 and G10 (1)")
     add_output_options(parser)
 
@@ -93,11 +91,14 @@ def print_goals(arguments: argparse.Namespace) -> int:
         path = folder / "results" / f"{goal['goal']}.json"
         result = json.loads(path.read_text()) if path.exists() else {}
         reached = goal.get("not_applicable") or result.get("reached", "not measured yet")
-        rows.append({**goal, "reached": reached, "passed": result.get("passed")})
+        rows.append(
+            {**goal, "reached": reached, "passed": result.get("passed"), "cpu_seconds": result.get("cpu_seconds")}
+        )
     for row in rows:
         mark = {True: "ok", False: "NOT REACHED"}.get(row["passed"], "-")
         mark = "N/A YET" if "not_applicable" in row else mark
-        say(arguments, f"{row['goal']:<4} {mark:<12} {row['figure']}\n     {row['reached']}; see {row['test']}")
+        spent = f" ({row['cpu_seconds']} s of processor time)" if row.get("cpu_seconds") else ""
+        say(arguments, f"{row['goal']:<4} {mark:<12} {row['figure']}\n     {row['reached']}{spent}; see {row['test']}")
     write_json(arguments, {"schema": "hd.goals/1", "goals": rows})
     return 0
 

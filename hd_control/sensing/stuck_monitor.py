@@ -3,7 +3,9 @@
 A position sensor at rest repeats itself, so repetition alone says nothing. Motor position phi, joint position q and
 gauge torque tau are tied by the spring, phi - q = tau / k: each position is expected from the other one and the torque,
 also when a blocked joint winds the spring up. Kinematic error and hysteresis stay in the expectation; the limit allows
-for them. And the other position must have moved itself: a gauge that drifts at standstill is no motion. A gauge that repeats itself is found by `sensor_monitors.frozen`.
+for them. And the other position must have moved itself: a gauge that drifts at standstill is no motion.
+
+A gauge that repeats itself is found by `sensor_monitors.frozen`.
 """
 
 from __future__ import annotations
