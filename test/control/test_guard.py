@@ -412,3 +412,38 @@ def test_f08_three_readings_at_the_rail_degrade(torque):
 
 def test_f01_a_tenth_is_forgiven_exactly():
     assert watchers.lost_ticks(0, 0.1, limits())[0] == 0.0 and watchers.lost_ticks(1, 0.1, limits())[0] == 1.0
+
+
+BOUNDS = [
+    *((name, 1, 10**6) for name in ("degrade_gap_samples", "recover_samples", "brake_samples", "rejected_samples",
+                                    "disagree_samples", "frozen_samples", "rail_samples", "rail_degrade_samples")),
+    ("adaptation_time", 0.01, 1e3),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "low", "high"), BOUNDS)
+def test_each_limit_of_the_guard_has_its_bounds(name, low, high):
+    values = guard_limits.select(load_params_file(config_path("limits.yaml"), "limits"), NAMES)
+    step = 1 if isinstance(low, int) else 1e-6
+    for good in (low, low + step, high - step, high):
+        assert float(guard_limits.configure(values | {name: good}, DT).guard.view(name)) == good
+    for bad in (low - step, high + step):
+        with pytest.raises(ConfigError, match=name):
+            guard_limits.configure(values | {name: bad}, DT)
+
+
+def test_limits_per_joint_are_above_zero_and_may_be_small():
+    values = guard_limits.select(load_params_file(config_path("limits.yaml"), "limits"), NAMES)
+    for name in guard_limits.PARAMETERS.names:
+        if isinstance(values[name], list):
+            found = guard_limits.configure(values | {name: [1e-9, 0.5]}, DT).guard.view(name)
+            assert found.tolist() == [1e-9, 0.5]
+            with pytest.raises(ConfigError, match=name):
+                guard_limits.configure(values | {name: [0.0, 0.5]}, DT)
+
+
+def test_the_torque_that_is_held_is_the_mean_of_about_fifty_samples():
+    bench = Bench()
+    before = bench.guard._mean.copy()
+    bench.send(HOLD + [5.0, -1.0])
+    np.testing.assert_allclose(bench.guard._mean, before + (HOLD + [5.0, -1.0] - before) / 50.0, rtol=1e-15)
