@@ -1,9 +1,12 @@
 """Guard: controlled stop, envelope, strongest action, latch and reset; limits of the guard; monitors of the loop."""
 
 import math
+from functools import lru_cache
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hd_control.control import adaptation_monitor as watchers
 from hd_control.control import controlled_stop as stop
@@ -11,7 +14,7 @@ from hd_control.control import guard_limits, torque_adaptive
 from hd_control.control.guard import Guard, Mode
 from hd_control.control.torque import layout as torque_layout
 from hd_control.core.errors import ConfigError
-from hd_control.core.faults import Action, Fault, FaultCode
+from hd_control.core.faults import Action, Fault, FaultCode, strongest
 from hd_control.core.resources import config_path
 from hd_control.core.strict_yaml import load_params_file
 
@@ -22,6 +25,7 @@ SPEED = np.array([1.5, 2.5])
 HOLD = np.array([40.0, -7.0])
 
 
+@lru_cache
 def limits():
     return guard_limits.configure(
         guard_limits.select(load_params_file(config_path("limits.yaml"), "limits"), NAMES), DT
@@ -447,3 +451,10 @@ def test_the_torque_that_is_held_is_the_mean_of_about_fifty_samples():
     before = bench.guard._mean.copy()
     bench.send(HOLD + [5.0, -1.0])
     np.testing.assert_allclose(bench.guard._mean, before + (HOLD + [5.0, -1.0] - before) / 50.0, rtol=1e-15)
+
+
+@given(st.integers(0, 12), st.integers(0, 12), st.floats(0.0, 12.0))
+def test_a_longer_gap_never_gives_a_weaker_action(one, other, level):
+    short, long = sorted((one, other))
+    actions = [strongest(watchers.lost_ticks(gap, level, limits())[1]) for gap in (short, long)]
+    assert actions[0] <= actions[1]

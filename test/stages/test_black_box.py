@@ -153,6 +153,7 @@ def test_g19_every_signal_of_the_last_two_seconds_with_and_without_a_recorder(tm
             np.testing.assert_array_equal(table, with_recorder.topics[topic][1][name])
     path = write_incident(tmp_path / "boxes", without, Origin("/chain", "f" * 16, 10**6, runner.robot.urdf, "a: 1\n"))
     assert main(["info", str(path), "--json", str(tmp_path / "info.json")]) == 0
+    assert "black box of /chain, stopped in tick 2500: HD-F33 exception: Injected" in capsys.readouterr().out
     said = json.loads((tmp_path / "info.json").read_text())
     assert "HD-F33 exception" in said["session"]["stop"] and "Traceback" in said["session"]["stop"]
     bag = BagReader(path)
