@@ -55,7 +55,9 @@ def run_case(case):
             plant.true_joint_position, plant.true_joint_velocity, plant.state.motor_velocity, gravity,
         )  # fmt: skip
         law = runner.torque
-        degraded.look(tick, law.mode, runner.motion.reference.desired_velocity, estimates_of(law))
+        mode = law.mode
+        if mode == "DEGRADED" or degraded.since is not None:
+            degraded.look(tick, mode, runner.motion.reference.desired_velocity, estimates_of(law))
         for name, stopped in (("control", law.guard.stopped), ("drive", seam.stopped)):
             if stopped:
                 first_stops.setdefault(name, tick)

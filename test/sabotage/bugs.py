@@ -88,7 +88,7 @@ BUGS = [
         GUARD,
         "        if self.gate.active == 0.0 or self.gate.stopped != 0.0:\n            return\n",
         "",
-        T_GUARD + " -k strongest",
+        T_GUARD,
     ),
     (
         "S11 restart from zero torque",
