@@ -1,6 +1,6 @@
 """Black boxes as bags: one folder of a few, the oldest removed when a new one is whole, never a newer one.
 
-    bags/black_box/torque_node/000017_HD-F18/      readable by hd info, hd compare, hd replay as any other bag
+    bags/black_box/torque_node/000017_HD-F18/      readable by hd info and hd compare as any other bag
 
 The number in the name gives the order, so a clock that jumps cannot make an old box look new.
 """
@@ -87,7 +87,8 @@ def _write(path: Path, incident: Incident, origin: Origin) -> None:
     writer = BagWriter(path, live=False, metadata=notes)
     try:
         writer.attach("robot.urdf", origin.urdf, "application/xml")
-        writer.attach("parameters.yaml", origin.parameters, "application/yaml")
+        name = origin.node.rpartition("/")[2]  # as a recording carries it, so that hd replay finds it
+        writer.attach(f"{name}.yaml", origin.parameters, "application/yaml")
         stamps = incident.ticks * origin.period_ns
         first = int(stamps[0]) if len(stamps) else 0
         writer.write("robot_description", None, first, encode_text(origin.urdf))

@@ -58,7 +58,7 @@ def test_a_stop_is_written_by_the_thread_with_parameters_and_robot(bench):
     }  # fmt: skip
     bag = BagReader(path)
     assert bag.counts["/motor_torque_command"] == 301 and bag.complete
-    assert {"robot.urdf", "parameters.yaml"} <= set(bag.attachments)
+    assert {"robot.urdf", "torque_node.yaml"} <= set(bag.attachments)
     assert answer(bench) == (True, str(path))
 
 
