@@ -180,7 +180,7 @@ BUGS = [
         "    found = path.extrema()\n",
         "    ends = _state(path, np.diff(path.knots) * path.period)\n"
         "    found = np.stack([x for part in ends for x in (part, part)], axis=2)\n",
-        "test/control/test_goal_check.py -k between_the_points",
+        "test/control/test_goal_check.py -k f22_each_refusal",
     ),
     (
         "S24 goal joints by place instead of name",
