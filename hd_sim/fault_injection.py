@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -149,6 +150,7 @@ class FaultyRunner(Runner):
         if topics.COMMAND in bus:
             self.world.command(slice(None), bus[topics.COMMAND]["effort"], tick)
             self.used_tick = tick
+        self.motion.controller_mode = self.torque.mode
         self.tick = tick + 1
         return bus
 
@@ -205,9 +207,13 @@ class FaultyRunner(Runner):
 
 def make_runner(case: Case) -> FaultyRunner:
     """The runner of a case, before its first tick."""
-    return FaultyRunner(
-        RunSetup(PlantConfig.from_file(case.plant), case.seed + case.index), case.injections, case.index
-    )
+    return FaultyRunner(RunSetup(_plant(case.plant), case.seed + case.index), case.injections, case.index)
+
+
+@lru_cache
+def _plant(name: str) -> PlantConfig:
+    """A campaign reads each plant once."""
+    return PlantConfig.from_file(name)
 
 
 def start_motion(runner: FaultyRunner, case: Case) -> None:

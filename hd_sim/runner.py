@@ -79,6 +79,7 @@ class Runner:
             raise ConfigError("the first tick must run before a goal is given")
         if goal.start_tick is None:
             goal = replace(goal, start_tick=self.tick)
+        self.motion.refuse_unless_ready()
         measured = self.motion.sample.joint_position.copy()
         self.motion.hand_over(check_goal(goal, follower.copy(), self.goal_limits, measured, self.motion.tick))
 
@@ -93,6 +94,7 @@ class Runner:
             bus.update(stage.step(tick, bus))
         self.world.advance()
         self.world.command(slice(None), bus[topics.COMMAND]["effort"], tick)
+        self.motion.controller_mode = self.torque.mode
         self.tick = tick + 1
         return bus
 

@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from hd_control.control.guard_limits import SafetyLimits
 from hd_control.core.blocks import Block, FloatArray
+from hd_control.stages.black_box import UNKNOWN_STOP, BlackBox
 from hd_control.stages.fault_book import FaultBook
 from hd_sim.drive_seam import DriveSeam
 from hd_sim.plant import Plant, PlantConfig
@@ -31,12 +34,18 @@ def sensor_places(sample: Block) -> dict[str, dict[str, range]]:
 
 
 class World:
-    """A plant behind its own safety gate, with the faults of that gate."""
+    """A plant behind its own safety gate, with the faults of that gate and a black box of the drive side."""
 
     def __init__(self, config: PlantConfig, limits: SafetyLimits, seed: int) -> None:
         self.joint_names = config.robot.joint_names
         self.seam = DriveSeam(Plant(config, seed), limits)
         self.faults = FaultBook()
+        self.black_box = BlackBox(config.period)
+        self._command, self._sample = np.zeros(len(self.joint_names)), self.seam.sample().copy()
+        whole = slice(0, len(self.joint_names))
+        self.black_box.watch(self.joint_names, self._command, {("motor_torque_command", "effort"): whole})
+        readings = {(topic, array): self._sample.layout.slices[name] for topic, (array, name) in SENSORS.items()}
+        self.black_box.watch(self.joint_names, self._sample.array, readings)
         self.reset_asked = False
         self.reset_answer: list[str] | None = None
 
@@ -47,7 +56,10 @@ class World:
         _, faults = self.seam.latch(tick)
         if faults:
             self.faults.note(faults, tick)
-        return self.seam.sample()
+        sample = self.seam.sample()
+        self._command[:], self._sample.array[:] = self.seam.command, sample.array
+        self.black_box.note(tick, (self.faults.first_stop or UNKNOWN_STOP) if self.seam.stopped else None)
+        return sample
 
     def advance(self) -> None:
         """Integrates one tick."""

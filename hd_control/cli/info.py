@@ -35,6 +35,9 @@ def lines(document: dict[str, Any]) -> Iterator[str]:
     yield f"{document['bag']}: {document['messages']} messages, {document['duration']:.3f} s"
     made = " ".join(session.get(key, "") for key in ("software", "software_version", "git_commit")).split()
     yield f"recorded {session.get('start_time_utc') or 'at an unknown time'} by {' '.join(made) or 'unknown software'}"
+    if session.get("kind") == "black_box":
+        first = str(session.get("stop", "")).splitlines() or ["an unknown stop"]
+        yield f"black box of {session.get('node')}, stopped in tick {session.get('stop_tick')}: {first[0]}"
     for problem in document["problems"]:
         yield f"  ! {problem}"
     yield ""

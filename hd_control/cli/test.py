@@ -31,8 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="run the long campaigns of test/campaigns instead, all or those of the goals named (G1 G3)",
     )
     parser.add_argument("--goals", action="store_true", help="print the reliability goals with the figures reached")
-    parser.add_argument("--injections", type=int, metavar="N", help="number of fault injections of G1 (10000)")
-    parser.add_argument("--hours", type=float, metavar="H", help="simulated hours of G3 (1)")
+    parser.add_argument("--count", type=int, metavar="N", help="cases, runs or repeats of a campaign")
+    parser.add_argument("--hours", type=float, metavar="H", help="simulated hours of G3 and G10 (1)")
     add_output_options(parser)
 
 
@@ -90,10 +90,15 @@ def print_goals(arguments: argparse.Namespace) -> int:
     for goal in goals:
         path = folder / "results" / f"{goal['goal']}.json"
         result = json.loads(path.read_text()) if path.exists() else {}
-        rows.append({**goal, "reached": result.get("reached", "not measured yet"), "passed": result.get("passed")})
+        reached = goal.get("not_applicable") or result.get("reached", "not measured yet")
+        rows.append(
+            {**goal, "reached": reached, "passed": result.get("passed"), "cpu_seconds": result.get("cpu_seconds")}
+        )
     for row in rows:
         mark = {True: "ok", False: "NOT REACHED"}.get(row["passed"], "-")
-        say(arguments, f"{row['goal']:<4} {mark:<12} {row['figure']}\n     {row['reached']}; see {row['test']}")
+        mark = "N/A YET" if "not_applicable" in row else mark
+        spent = f" ({row['cpu_seconds']} s of processor time)" if row.get("cpu_seconds") else ""
+        say(arguments, f"{row['goal']:<4} {mark:<12} {row['figure']}\n     {row['reached']}{spent}; see {row['test']}")
     write_json(arguments, {"schema": "hd.goals/1", "goals": rows})
     return 0
 
@@ -104,7 +109,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise HdError("the tests belong to the source tree and are not installed; run ./hd test in a checkout")
     if arguments.goals:
         return print_goals(arguments)
-    for name in ("injections", "hours"):
+    for name in ("count", "hours"):
         if getattr(arguments, name) is not None:
             os.environ[f"HD_{name.upper()}"] = str(getattr(arguments, name))
     try:

@@ -1,4 +1,4 @@
-"""Monitors of the torque law's surroundings: lost ticks (F01, F17) and estimates at their bounds (F34)."""
+"""Monitors around the torque law: lost ticks (F01, F17), gauge at its rail (F08), estimates at their bounds (F34)."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ DEGRADE_GROWTH, STOP_GROWTH = 2.0, 4.0
 SMALLEST_ERROR = 0.01
 """rad; a smaller tracking error is no reason to act, however it grew."""
 ERROR_SAMPLES = 10.0
+RAIL_SHARE = 0.99
 FORGIVEN = 0.1
 """Share of a lost tick that each tick that comes makes good."""
 _FIELDS = (
@@ -57,6 +58,22 @@ def lost_ticks(gap: int, level: float, limits: SafetyLimits) -> tuple[float, lis
     elif gap >= limits.guard.degrade_gap_samples:
         action, bound = Action.DEGRADE, float(limits.guard.degrade_gap_samples)
     return level, [Fault(FaultCode.FRAME_LOST, -1, level, bound, action)]
+
+
+def gauge_rail(torque: FloatArray, run: FloatArray, limits: Block) -> tuple[FloatArray, list[Fault]]:
+    """F08 as the law sees it: joint torque (n,) at the rail, a few in a row, degrades; fusion stops after more of them.
+
+    `limits`: GuardLimits. Returns the new run lengths and faults.
+    """
+    rail = RAIL_SHARE * limits.gauge_rail
+    free = np.abs(torque) < rail
+    if free.all():
+        return 0.0 * run, []
+    run = np.where(free | np.isnan(torque), 0.0, run + 1.0)
+    return run, [
+        Fault(FaultCode.GAUGE_RAIL, int(j), float(torque[j]), float(limits.gauge_rail[j]), Action.DEGRADE)
+        for j in np.flatnonzero(run >= limits.rail_degrade_samples)
+    ]
 
 
 def watch(

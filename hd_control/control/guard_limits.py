@@ -29,6 +29,7 @@ PARAMETERS = ParameterSet(
         _samples("rejected_samples", "bad readings in a row that stop the robot"),
         _samples("disagree_samples", "samples of disagreeing sensors that stop the robot"),
         _samples("frozen_samples", "equal readings in motion that stop the robot"),
+        _samples("rail_degrade_samples", "gauge readings at the rail that freeze the adaptation"),
         _samples("rail_samples", "gauge readings at the rail that stop the robot"),
         Parameter("adaptation_time", "time at a bound before a growing error counts", "s", low=0.01, high=1e3),
         _per_joint("stop_deceleration", "of a controlled stop", "rad/s^2", "a_brake"),
@@ -38,6 +39,9 @@ PARAMETERS = ParameterSet(
         _per_joint("gauge_step_limit", "largest jump of a gauge reading against its prediction", "N m"),
         _per_joint("gauge_rail", "a larger gauge reading is at its rail", "N m"),
         _per_joint("twist_limit", "largest difference of motor and joint position", "rad"),
+        _per_joint(
+            "stuck_motion_limit", "motion that the others show while a position sensor repeats one reading", "rad"
+        ),
         _per_joint("residual_limit", "largest mean residual of the three sensors over a motor turn", "N m"),
         _per_joint("ripple_limit", "largest 2 beta amplitude of that residual", "N m"),
     ),

@@ -7,7 +7,7 @@ accelerations by quintics. Knots count samples, so points that fall on a tick ar
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -70,7 +70,12 @@ class Path:
         """First tick at or after the last point."""
         return self.start_tick + int(np.ceil(self.knots[-1]))
 
-    def evaluate(self, tick: int, cursor: int, out: FloatArray) -> int:
+    def delayed(self, ticks: float) -> Path:
+        """The same motion, `ticks` >= 0 later."""
+        whole = int(np.floor(ticks))
+        return replace(self, start_tick=self.start_tick + whole, knots=self.knots + (ticks - whole))
+
+    def evaluate(self, tick: float, cursor: int, out: FloatArray) -> int:
         """Writes position, velocity, acceleration (3n,) at a tick; returns the cursor for the next call.
 
         Before the start the start, at the last point its values, after it its position at rest.

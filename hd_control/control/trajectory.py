@@ -78,7 +78,12 @@ class TrajectoryFollower:
             self.active, self.pending, self.cursor = path, None, 0
         return path
 
-    def sample(self, tick: int, out: FloatArray | None = None) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def delay(self, ticks: float) -> None:
+        """Whatever is planned happens `ticks` later, fractions included; the present reference stays as it is."""
+        self.active = self.active.delayed(ticks)
+        self.pending = None if self.pending is None else self.pending.delayed(ticks)
+
+    def sample(self, tick: float, out: FloatArray | None = None) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Desired position, velocity, acceleration at a tick, (n,) each: views of `out` (3n,) if it is given."""
         if self.pending is not None and tick >= self.pending.start_tick:
             self.active, self.pending, self.cursor = self.pending, None, 0
@@ -87,7 +92,7 @@ class TrajectoryFollower:
         self.cursor = self.active.evaluate(tick, self.cursor, values)
         return values[:n], values[n : 2 * n], values[2 * n :]
 
-    def moving(self, tick: int) -> bool:
+    def moving(self, tick: float) -> bool:
         """True until the last accepted goal has ended."""
         return self.pending is not None or tick < self.active.end_tick
 

@@ -14,16 +14,19 @@ from rclpy.node import Node
 
 from hd_control.control import motion, torque
 from hd_control.core.parameters import Change, Parameter, ParameterSet
+from hd_control.nodes.black_box_desk import BLACK_BOX, serve_black_box
 from hd_control.nodes.goal_desk import GoalDesk
+from hd_control.nodes.mode_topic import ModePublisher
 from hd_control.nodes.process import run_node
 from hd_control.nodes.reset_service import serve_reset
 from hd_control.nodes.stage_shell import StageShell, own_values, prefixed
 from hd_control.sensing import fusion
+from hd_control.stages.black_box import BlackBox
 from hd_control.stages.fusion_stage import FusionStage
 from hd_control.stages.gate_values import LIMITS, safety_limits
 from hd_control.stages.motion_stage import MotionStage
 from hd_control.stages.node_parameters import CHAIN_PARTS, shipped_values
-from hd_control.stages.stage import Stage
+from hd_control.stages.stage import Bus, Stage
 from hd_control.stages.torque_stage import TorqueStage
 
 LAWS = {"fusion": fusion, "motion": motion, "torque": torque}
@@ -34,7 +37,9 @@ def chain_parameters() -> ParameterSet:
     """The parameters of all laws, with prefixes, and the chain's own."""
     laws = [prefixed(LAWS[part].PARAMETERS, part) for part in CHAIN_PARTS]
     parameters = tuple(p for law in laws for p in law.parameters if p.name != "motion.robot")
-    return ParameterSet("chain", (*parameters, LIMITS, WITH_PLANT), tuple(rule for law in laws for rule in law.rules))
+    return ParameterSet(
+        "chain", (*parameters, LIMITS, *BLACK_BOX, WITH_PLANT), tuple(rule for law in laws for rule in law.rules)
+    )
 
 
 class ChainNode(StageShell):
@@ -46,14 +51,36 @@ class ChainNode(StageShell):
             own = ParameterSet("chain", own.parameters + extra.parameters, own.rules + extra.rules)
         super().__init__("chain", own, CHAIN_PARTS)
         self.goals = GoalDesk(self, self.motion, lambda: own_values(self.values, "motion"))
+        self.mode_topic = ModePublisher(self)
+        self.black_boxes = serve_black_box(self, self.boxes)
         serve_reset(self, lambda: self.torque)
+
+    def boxes(self) -> dict[str, BlackBox]:
+        """The black boxes of this process by folder."""
+        return {"": self.torque.black_box}
 
     def make_stages(self, values: Mapping[str, Any]) -> list[Stage]:
         names = torque.selected_joints(own_values(values, "torque"))
         self.motion = MotionStage(self.robot, self.dt, values["motion.goal_blend_time"])
         self.torque = TorqueStage(self.robot, self.dt, names, safety_limits(values["limits"], names, self.dt))
         limits = safety_limits(values["limits"], self.robot.joint_names, self.dt)
-        return [FusionStage(self.robot, self.dt, limits), self.motion, self.torque]
+        fusion_stage = FusionStage(self.robot, self.dt, limits)
+        for numbers, columns in fusion_stage.signals():
+            self.torque.black_box.watch(self.robot.joint_names, numbers, columns)
+        return [fusion_stage, self.motion, self.torque]
+
+    def run_stages(self, tick: int, stamp_ns: int, bus: Bus) -> None:
+        super().run_stages(tick, stamp_ns, bus)
+        mode = self.motion.controller_mode = self.torque.mode
+        self.mode_topic.tell(mode)
+
+    def status(self) -> tuple[bytes, str, dict[str, Any]]:
+        level, text, values = super().status()
+        return level, text, values | self.goals.values() | self.black_boxes.values()
+
+    def leave(self) -> None:
+        super().leave()
+        self.black_boxes.stop()
 
 
 def make_chain() -> ChainNode:

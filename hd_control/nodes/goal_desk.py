@@ -28,7 +28,8 @@ class GoalDesk:
     def __init__(self, node: Shell, stage: MotionStage, values: Callable[[], Mapping[str, Any]]) -> None:
         self._node, self._stage, self._values = node, stage, values
         self._status = node.create_publisher(String, "~/goal_status", latched_qos())
-        self._received = 0
+        self._received = self.refused = 0
+        self.last_refusal = ""
         node.create_subscription(JointTrajectory, topics.GOAL, self._take, chain_qos(10))
 
     def _take(self, message: JointTrajectory) -> None:
@@ -37,8 +38,13 @@ class GoalDesk:
         try:
             text = self.offer(goal_from_message(message, self._node.dt_ns, name))
         except GoalError as error:
-            text = f"refused {name} {error.code}: {error}"
+            text = self.last_refusal = f"refused {name} {error.code}: {error}"
+            self.refused += 1
         self._status.publish(String(data=text))
+
+    def values(self) -> dict[str, Any]:
+        """For diagnostics, and so for the recording: refused goals with their reason."""
+        return {"goals_refused": self.refused, "last_goal_refusal": self.last_refusal}
 
     def offer(self, goal: Goal) -> str:
         """The answer to an accepted goal. Raises GoalError; nothing has changed then."""
@@ -47,6 +53,7 @@ class GoalDesk:
             raise GoalError(
                 "not_active", "HD-F22 goal_bad: the motion law does not run. Activate it and start the plant."
             )
+        stage.refuse_unless_ready()
         limits = GoalLimits.from_values(self._values(), self._node.robot)
         for lead in LEADS if goal.start_tick is None else (0,):
             tick = stage.tick

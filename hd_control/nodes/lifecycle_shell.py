@@ -7,6 +7,7 @@ fast loop is; the shell does the rest. States and transitions are those of `rclp
 from __future__ import annotations
 
 import secrets
+import time
 import traceback
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -16,6 +17,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from std_msgs.msg import String
 
+from hd_control.core.clock_watch import ClockWatch
 from hd_control.core.errors import HdError
 from hd_control.core.parameters import ParameterSet
 from hd_control.core.robot import Robot
@@ -38,6 +40,7 @@ class Shell(LifecycleNode):
         self.group = HandsOff()
         self.loop = FastLoop(self, self.subscriptions_waited)
         self.fault = ""
+        self.clock_watch = ClockWatch()
         self.active = False
         self._configured = False
         self.defaults = shipped_values(name)
@@ -91,7 +94,7 @@ class Shell(LifecycleNode):
         """Level, one line and named values for diagnostics."""
         return OK, "", {}
 
-    def emergency(self) -> None:
+    def emergency(self, error: BaseException | None = None) -> None:
         """After an exception in the loop or a callback: bring the outputs to a stop."""
 
     # Lifecycle --------------------------------------------------------------------------------------------------
@@ -159,7 +162,7 @@ class Shell(LifecycleNode):
         if not self.fault:
             self.fault = f"{type(error).__name__}: {error}"
             self.get_logger().error("".join(traceback.format_exception(error)))
-        self.emergency()
+        self.emergency(error)
 
     def publish_diagnostics(self) -> None:
         """Once a second: state, loop statistics, faults."""
@@ -173,6 +176,9 @@ class Shell(LifecycleNode):
             message = message or "not active"
         values = {"run_id": self.run_id, "active": self.active, **values, "parameter_changes": self.desk.changes}
         values |= {"parameter_refusals": self.desk.refusals, "last_refusal": self.desk.last_refusal}
+        self.clock_watch.look(time.time_ns(), time.monotonic_ns())
+        if self.clock_watch.last is not None:
+            values |= {"clock_jumps": self.clock_watch.jumps, "last_clock_jump": self.clock_watch.last.text()}
         status = DiagnosticStatus(
             level=level, name=self.get_fully_qualified_name(), message=message, hardware_id="hd_control"
         )

@@ -12,6 +12,7 @@ from typing import Any
 
 from hd_control.control import motion
 from hd_control.nodes.goal_desk import GoalDesk
+from hd_control.nodes.mode_topic import ModeInput
 from hd_control.nodes.process import run_node
 from hd_control.nodes.reset_service import serve_reset
 from hd_control.nodes.stage_shell import StageShell
@@ -25,11 +26,16 @@ class MotionNode(StageShell):
     def __init__(self) -> None:
         super().__init__("motion_node", motion.PARAMETERS)
         self.goals = GoalDesk(self, self.motion, lambda: self.values)
+        self.modes = ModeInput(self, self.motion)
         serve_reset(self, lambda: self.motion)
 
     def make_stages(self, values: Any) -> list[Stage]:
         self.motion = MotionStage(self.robot, self.dt, values["goal_blend_time"])
         return [self.motion]
+
+    def status(self) -> tuple[bytes, str, dict[str, Any]]:
+        level, text, values = super().status()
+        return level, text, values | self.goals.values()
 
 
 def main() -> None:

@@ -120,9 +120,9 @@ class StageShell(Shell):
             self.introspection.destroy(self)
             self.introspection = None
 
-    def emergency(self) -> None:
+    def emergency(self, error: BaseException | None = None) -> None:
         for stage in self.stages:
-            stage.emergency()
+            stage.emergency(error)
 
     def make_outputs(self) -> list[list[Output]]:
         """The topics of every stage; after its `names`."""

@@ -1,7 +1,9 @@
 """`torque_node`: from the required joint torque to the motor torque, behind the safety gate.
 
 Parameter `joints` selects one, some or all joints, so one process per joint is possible. Services: `~/reset` ends a
-latched stop. Exit codes: 0 stopped on request, 1 internal fault, 2 bad configuration.
+latched stop, `~/black_box` writes what a stop has left.
+
+Exit codes: 0 stopped on request, 1 internal fault, 2 bad configuration.
 """
 
 from __future__ import annotations
@@ -10,11 +12,13 @@ from typing import Any
 
 from hd_control.control import torque
 from hd_control.core.parameters import ParameterSet
+from hd_control.nodes.black_box_desk import BLACK_BOX, serve_black_box
+from hd_control.nodes.mode_topic import ModePublisher
 from hd_control.nodes.process import run_node
 from hd_control.nodes.reset_service import serve_reset
 from hd_control.nodes.stage_shell import StageShell
 from hd_control.stages.gate_values import LIMITS, safety_limits
-from hd_control.stages.stage import Stage
+from hd_control.stages.stage import Bus, Stage
 from hd_control.stages.torque_stage import TorqueStage
 
 
@@ -22,9 +26,10 @@ class TorqueNode(StageShell):
     """One law, one gate."""
 
     def __init__(self) -> None:
-        super().__init__(
-            "torque_node", ParameterSet("torque_node", (*torque.PARAMETERS.parameters, LIMITS), torque.PARAMETERS.rules)
-        )
+        own = (*torque.PARAMETERS.parameters, LIMITS, *BLACK_BOX)
+        super().__init__("torque_node", ParameterSet("torque_node", own, torque.PARAMETERS.rules))
+        self.mode_topic = ModePublisher(self)
+        self.black_boxes = serve_black_box(self, lambda: {"": self.torque.black_box})
         serve_reset(self, lambda: self.torque)
         for warning in torque.warnings(self.values):
             self.get_logger().warning(warning)
@@ -33,6 +38,18 @@ class TorqueNode(StageShell):
         names = torque.selected_joints(values)
         self.torque = TorqueStage(self.robot, self.dt, names, safety_limits(values["limits"], names, self.dt))
         return [self.torque]
+
+    def run_stages(self, tick: int, stamp_ns: int, bus: Bus) -> None:
+        super().run_stages(tick, stamp_ns, bus)
+        self.mode_topic.tell(self.torque.mode)
+
+    def status(self) -> tuple[bytes, str, dict[str, Any]]:
+        level, text, values = super().status()
+        return level, text, values | self.black_boxes.values()
+
+    def leave(self) -> None:
+        super().leave()
+        self.black_boxes.stop()
 
 
 def main() -> None:

@@ -47,6 +47,7 @@ TOPICS: dict[str, Topic] = {
         _joints("joint_reference", "desired joint angle and velocity", "position", "velocity"),
         _joints("joint_torque_required", "torque wanted by the motion law [N·m]", "effort"),
         _joints("motor_torque_command", "motor torque after the safety gate [N·m]", "effort"),
+        Topic("torque_mode", TEXT, 0, "node and mode of a torque law, on every change", latched=True, event=True),
         Topic("robot_description", TEXT, 0, "URDF", latched=True, event=True),
         Topic("diagnostics", DIAGNOSTICS, 0, "loop statistics, faults, adaptation state", event=True),
     )

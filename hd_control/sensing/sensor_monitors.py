@@ -38,6 +38,7 @@ class SensorLimits:
     gauge_rail: FloatArray
     residual_limit: FloatArray
     ripple_limit: FloatArray
+    stuck_motion_limit: FloatArray
     disagree_samples: float
     frozen_samples: float
     rail_samples: float
@@ -50,6 +51,7 @@ class SensorLimits:
             limits.gauge_rail.copy(),
             limits.residual_limit.copy(),
             limits.ripple_limit.copy(),
+            limits.stuck_motion_limit.copy(),
             float(limits.disagree_samples),
             float(limits.frozen_samples),
             float(limits.rail_samples),

@@ -43,4 +43,6 @@ def chain_stages(robot: Robot, period: float, values: Values, limits: SafetyLimi
     for node, stage in found.by_node():
         stage.adopt(stage.prepare(values[node]))
         stage.start()
+    for numbers, columns in found.fusion.signals():
+        found.torque.black_box.watch(robot.joint_names, numbers, columns)
     return found

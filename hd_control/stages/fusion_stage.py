@@ -15,7 +15,7 @@ from hd_control.control.guard_limits import SafetyLimits
 from hd_control.core.blocks import Block, FloatArray
 from hd_control.core.faults import Action, Fault
 from hd_control.core.robot import Robot
-from hd_control.sensing import fusion
+from hd_control.sensing import fusion, stuck_monitor
 from hd_control.sensing import sensor_monitors as monitors
 from hd_control.stages.fault_book import FaultBook
 from hd_control.stages.stage import OK, WARN, Stage
@@ -41,6 +41,9 @@ class FusionStage(Stage):
         self._parts = fusion.layout("FusionOutput", n).slices
         self._screen: monitors.Screen | None = None
         self._redundancy: monitors.Redundancy | None = None
+        self._stuck: stuck_monitor.Stuck | None = None
+        self.missed_motion = np.zeros(n)
+        self.raw = self.sample.copy()
 
     def adopt(self, params: Block) -> None:
         super().adopt(params)
@@ -52,10 +55,11 @@ class FusionStage(Stage):
 
     def start(self) -> None:
         super().start()
-        self._screen = self._redundancy = None
+        self._screen = self._redundancy = self._stuck = None
         self._run = np.zeros((2, len(self.joint_names)))
 
     def act(self, tick: int) -> None:
+        self.raw.array[:] = self.sample.array
         faults = self._before()
         self.advance()
         faults += self._after(tick)
@@ -97,19 +101,26 @@ class FusionStage(Stage):
         return faults
 
     def _compare(self, numbers: FloatArray, parts: Mapping[str, slice]) -> list[Fault]:
-        """The relation between the three sensors, Zhu (1)."""
-        twist = (
-            numbers[parts["motor_position"]] + numbers[parts["kinematic_error"]] - numbers[parts["resolver_position"]]
+        """The relation between the three sensors, Zhu (1), and positions that do not take part in it any more."""
+        motor, joint, error = (
+            numbers[parts[name]] for name in ("motor_position", "resolver_position", "kinematic_error")
         )
-        residual, shaft = (
-            numbers[parts["joint_torque"]] - self._stiffness * twist,
-            numbers[parts["motor_shaft_position"]],
-        )
+        torque, shaft = numbers[parts["joint_torque"]], numbers[parts["motor_shaft_position"]]
+        positions, limits = np.stack([motor, joint]), self._sensor_limits
+        stuck = self._stuck or stuck_monitor.first_stuck(positions)
+        self.missed_motion, self._stuck, found = stuck_monitor.stuck(
+            positions, torque / self._stiffness - error, stuck, limits.frozen_samples, limits.stuck_motion_limit,
+            REDUNDANCY_TICKS,
+        )  # fmt: skip
+        residual = torque - self._stiffness * (motor + error - joint)
         memory = self._redundancy or monitors.first_redundancy(shaft)
-        self._redundancy, faults = monitors.redundancy(
-            residual, shaft, numbers[parts["gauge_angle"]], memory, self._sensor_limits
-        )
-        return faults
+        self._redundancy, faults = monitors.redundancy(residual, shaft, numbers[parts["gauge_angle"]], memory, limits)
+        return [*found, *faults]
+
+    def signals(self) -> list[tuple[FloatArray, dict[tuple[str, str], slice]]]:
+        """The readings as they came, before the monitors."""
+        [(_, columns)] = super().signals()
+        return [(self.raw.array, columns)]
 
     def report(self) -> tuple[int, str, dict[str, Any]]:
         values: dict[str, Any] = dict(self.faults.values(self.joint_names))

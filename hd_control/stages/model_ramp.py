@@ -1,8 +1,8 @@
-"""A change of the model while the law runs: parameters and start values go over to the new ones without a jump.
+"""A change of parameters while the law runs: parameters and start values go over to the new ones without a jump.
 
 A law module says with `MODEL_FIELDS` which fields of its parameter block are a model of the drive, and with
-`START_VALUES` which field of its state starts at which of them. These ramp over `RAMP_TIME`; all other fields (gains,
-bounds, switches without effect at zero) act at the next tick. Method sheet, section 14.
+`START_VALUES` which field of its state starts at which of them. These ramp over `RAMP_TIME`; every other field that has
+values per joint (gains, bounds) ramps over `GAIN_TIME`; switches and numbers of the whole law act at the next tick.
 """
 
 from __future__ import annotations
@@ -16,15 +16,23 @@ from hd_control.core.blocks import Block
 
 RAMP_TIME = 0.5
 """s from the old model to the new one."""
+GAIN_TIME = 0.1
+"""s from old gains and bounds to new ones."""
 
 
 class ModelRamp:
-    """The way from one parameter block to another, tick by tick."""
+    """The way from one parameter block to another, tick by tick. `dt` s is the length of a tick."""
 
-    def __init__(self, law: Any, before: Block, after: Block, state: Block, ticks: int) -> None:
-        self.before, self.after, self.ticks, self.tick = before.copy(), after, ticks, 0
-        self._fields = [name for name in model_fields(law) if name in after.layout.slices]
+    def __init__(self, law: Any, before: Block, after: Block, state: Block, dt: float) -> None:
+        self.before, self.after, self.tick = before.copy(), after, 0
+        self.ticks = max(1, round(RAMP_TIME / dt))
+        gain_ticks, model = max(1, round(GAIN_TIME / dt)), model_fields(law)
+        self._fields = [
+            (name, self.ticks if name in model else gain_ticks) for name in changed_fields(law, before, after)
+        ]
         self._moves = list(self._start_moves(law, state))
+        if not self._moves:
+            self.ticks = max((ticks for _, ticks in self._fields), default=1)
 
     def _start_moves(self, law: Any, state: Block) -> Any:
         """State field and its change per tick, for the joints whose start value changes."""
@@ -50,8 +58,11 @@ class ModelRamp:
                 state.view(name)[...] += change
         if self.done:
             return self.after, state
-        share, params = self.tick / self.ticks, self.after.copy()
-        for name in self._fields:
+        params = self.after.copy()
+        for name, ticks in self._fields:
+            if self.tick >= ticks:
+                continue
+            share = self.tick / ticks
             old, new = self.before.view(name), self.after.view(name)
             params.view(name)[...] = old + share * (new - old)
         return params, state
@@ -62,11 +73,15 @@ def model_fields(law: Any) -> tuple[str, ...]:
     return tuple(getattr(law, "MODEL_FIELDS", ()))
 
 
+def changed_fields(law: Any, before: Block, after: Block) -> list[str]:
+    """Fields that ramp and differ: those with values per joint, and the model."""
+    per_joint = [field.name for field in after.layout.fields if field.per_joint]
+    names = dict.fromkeys((*per_joint, *(name for name in model_fields(law) if name in after.layout.slices)))
+    return [name for name in names if not np.array_equal(before.view(name), after.view(name))]
+
+
 def ramp_to(law: Any, before: Block, after: Block, state: Block | None, dt: float) -> ModelRamp | None:
-    """A ramp if the model changes while the law runs; None if the new block may act at once."""
-    if state is None or before.layout != after.layout:
+    """A ramp if a number of the law changes while it runs; None if the new block may act at once."""
+    if state is None or before.layout != after.layout or not changed_fields(law, before, after):
         return None
-    fields = [name for name in model_fields(law) if name in after.layout.slices]
-    if all(np.array_equal(before.view(name), after.view(name)) for name in fields):
-        return None
-    return ModelRamp(law, before, after, state, max(1, round(RAMP_TIME / dt)))
+    return ModelRamp(law, before, after, state, dt)

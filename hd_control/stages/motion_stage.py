@@ -7,17 +7,34 @@ from typing import Any
 import numpy as np
 
 from hd_control.control import motion
+from hd_control.control.slow_motion import SlowMotion
 from hd_control.control.trajectory import Path, TrajectoryFollower
+from hd_control.core.errors import GoalError
 from hd_control.core.robot import Robot
 from hd_control.stages.stage import OK, Stage
 from hd_control.stages.wiring import MOTION
 
 LOST_TOLERANCE = 0.05
 """rad; a reference further from the joint is no motion any more: the goal is dropped, the reference is set anew."""
+DEGRADED = "DEGRADED"
+STOPPED = ("STOPPING", "HOLDING", "STOPPED")
+NOT_READY = {
+    DEGRADED: "wait until the cause is gone",
+    "STOPPING": "wait for rest, then call reset",
+    "HOLDING": "call reset",
+    "STOPPED": "call reset",
+}
+"""Modes of the torque law in which no goal is accepted, and what to do."""
+MODES = ("INACTIVE", "ACTIVE", *NOT_READY)
+"""Modes of a torque law, from the one that needs least attention to the one that needs most."""
 
 
 class MotionStage(Stage):
-    """Follows one path, holds the measured position before the first and after a joint has lost its reference."""
+    """Follows one path, holds the measured position before the first and after a joint has lost its reference.
+
+    `controller_mode` is the worst mode that the torque law has told, "" before the first; any thread may set it. While
+    it is DEGRADED the path runs slowly (`slow_motion`) and new goals are refused.
+    """
 
     def __init__(self, robot: Robot, dt: float, blend_time: float) -> None:
         super().__init__(MOTION, motion, robot, dt)
@@ -27,6 +44,8 @@ class MotionStage(Stage):
         self._reference_array = self._find_reference_array()
         self._measured = self.sample.joint_position
         self.late_goals = self.aborted_goals = 0
+        self.controller_mode = ""
+        self.slow = SlowMotion(dt)
         self.reset_asked = False
         self.reset_answer: list[str] | None = None
 
@@ -35,6 +54,14 @@ class MotionStage(Stage):
         kept = None if self.state is None else motion.restarted(self.state)
         super().start()
         self.state, self.follower, self._handover = kept, None, None
+        self.slow.reset()
+
+    def refuse_unless_ready(self) -> None:
+        """Raises GoalError while the torque law is degraded or stopped."""
+        remedy = NOT_READY.get(self.controller_mode)
+        if remedy is not None:
+            text = f"HD-F22 goal_bad: the torque law is {self.controller_mode}, goals need ACTIVE"
+            raise GoalError("controller_state", f"{text}. {remedy[0].upper()}{remedy[1:]}.")
 
     def hand_over(self, path: Path) -> None:
         """Gives a checked path to the loop, from any thread; the newest wins."""
@@ -49,8 +76,23 @@ class MotionStage(Stage):
         path, self._handover = self._handover, None
         if path is not None:
             self._take(path, tick)
-        self.follower.sample(tick, self._reference_array)
+        degraded = self.controller_mode == DEGRADED
+        if degraded or not self.slow.at_rest:
+            self._sample_slowly(tick, degraded)
+        else:
+            self.follower.sample(tick, self._reference_array)
         super().act(tick)
+
+    def _sample_slowly(self, tick: int, degraded: bool) -> None:
+        """The reference on the path's own time; back at full rate the path itself is put off by what was lost."""
+        follower, slow = self.follower, self.slow
+        assert follower is not None
+        slow.step(degraded)
+        follower.sample(tick - slow.lag, self._reference_array)
+        slow.scale(self._reference_array)
+        if slow.rate == 1.0:
+            follower.delay(slow.lag)
+            slow.reset()
 
     def _check_reference(self, tick: int) -> None:
         """Drops the goal when a joint does not follow any more, or on a reset: the reference becomes its position."""
@@ -58,15 +100,18 @@ class MotionStage(Stage):
         assert follower is not None
         far = np.abs(self._reference_array[: measured.size] - measured) > LOST_TOLERANCE
         lost = self.tick >= 0 and bool(far.any())
+        if self.controller_mode in STOPPED and follower.moving(tick - self.slow.lag):
+            lost = True  # A2 and A3 abort the goal
         if (lost or self.reset_asked) and np.isfinite(measured).all():
-            self.aborted_goals += int(follower.moving(tick))
+            self.aborted_goals += int(follower.moving(tick - self.slow.lag))
             follower.hold(measured, tick)
+            self.slow.reset()
             if self.reset_asked:
                 self.reset_answer, self.reset_asked = [], False
 
     def _take(self, path: Path, tick: int) -> None:
         assert self.follower is not None
-        if path.start_tick < tick:
+        if path.start_tick < tick or not self.slow.at_rest:  # made for a reference that is not there any more
             self.late_goals += 1
         else:
             self.follower.accept(path, tick)
@@ -80,13 +125,14 @@ class MotionStage(Stage):
         follower = self.follower
         if follower is None:
             return OK, "", {"goal": "none"}
-        moving = follower.moving(self.tick)
+        moving = follower.moving(self.tick - self.slow.lag)
         return (
             OK,
             "",
             {
                 "goal": follower.active.identifier,
                 "moving": moving,
+                "rate": self.slow.rate,
                 "late_goals": self.late_goals,
                 "aborted_goals": self.aborted_goals,
             },

@@ -10,7 +10,7 @@ import numpy as np
 from hd_control.core.blocks import Block, FloatArray
 from hd_control.core.robot import Robot
 from hd_control.stages.model_ramp import ModelRamp, ramp_to
-from hd_control.stages.wiring import Wiring
+from hd_control.stages.wiring import Source, Wiring
 
 Bus = dict[str, dict[str, FloatArray]]
 """Arrays of the present tick by topic and name (`position`, `velocity`, `effort`), for all joints of the robot."""
@@ -102,6 +102,11 @@ class Stage:
                     found.setdefault(array, []).append((block.view(name), joints))
         return found
 
+    def signals(self) -> list[tuple[FloatArray, dict[tuple[str, str], slice]]]:
+        """What the stage receives, for a black box: arrays of numbers, and where each array of a topic lies in them."""
+        found = [_columns(self.sample, self.wiring.sample)]
+        return found if self.reference is None else [*found, _columns(self.reference, self.wiring.reference)]
+
     def absent(self, topic: str) -> None:
         """An optional input is not there in this tick."""
 
@@ -180,5 +185,9 @@ class Stage:
         """Level, one line and values for diagnostics."""
         return OK, "", {}
 
-    def emergency(self) -> None:
+    def emergency(self, error: BaseException | None = None) -> None:
         """An exception happened somewhere in the node: bring the outputs to a stop."""
+
+
+def _columns(block: Block, sources: Mapping[str, Source]) -> tuple[FloatArray, dict[tuple[str, str], slice]]:
+    return block.array, {source: block.layout.slices[name] for name, source in sources.items()}

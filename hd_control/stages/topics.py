@@ -13,6 +13,7 @@ TEMPERATURE, GOAL, DESCRIPTION, DIAGNOSTICS = (
     "robot_description",
     "diagnostics",
 )
+MODE = "torque_mode"
 PROGRESS, CLOCK = "recorder/progress", "/clock"
 SENSORS = (ENCODER, RESOLVER, GAUGE, APPLIED)
 

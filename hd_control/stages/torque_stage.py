@@ -15,7 +15,7 @@ from hd_control.core.blocks import Block, FloatArray
 from hd_control.core.faults import Action, Fault, FaultCode, strongest
 from hd_control.core.robot import Robot
 from hd_control.stages import topics
-from hd_control.stages.black_box import BlackBox
+from hd_control.stages.black_box import UNKNOWN_STOP, BlackBox
 from hd_control.stages.fault_book import FaultBook
 from hd_control.stages.stage import ERROR, OK, Bus, Stage
 from hd_control.stages.wiring import TORQUE
@@ -39,11 +39,16 @@ class TorqueStage(Stage):
         self._measured = [(self.guard.measured.view(name), self.sample.view(name)) for name in names]
         self._used_sample = self.sample.array[: self.sample.layout.slices["motor_torque"].start]
         self.degraded_samples, self._lost = 0, 0.0
+        self._joint_torque, self._railed = self.sample.view("joint_torque"), np.zeros(joints)
         self.adaptation = adaptation.initial(joints)
-        self.black_box = BlackBox(round(2.0 / dt), round(1.0 / dt))
         self.ages, self.ticks, self.allowed = np.zeros(joints), np.zeros(joints), np.zeros(joints)
+        self._left = np.zeros(joints)
+        self.black_box = BlackBox(dt)
+        self.black_box.watch(self.joint_names, self._left, {(topics.COMMAND, "effort"): slice(0, joints)})
+        for numbers, columns in self.signals():
+            self.black_box.watch(self.joint_names, numbers, columns)
         self.stopped_command = np.full(joints, np.nan)
-        self.exception: Exception | None = None
+        self.exception: BaseException | None = None
         self.faults = FaultBook()
         self.gate_open = False
         self.reset_asked = False
@@ -101,7 +106,13 @@ class TorqueStage(Stage):
             command = self.stopped_command
         self.tick = tick
         self.allowed = self.through_gate(tick, command, demands)
-        self.black_box.note(tick, (self.sample.array, self.reference_array, command, self.allowed), self.guard.stopped)
+        self._left[:] = self.allowed
+        self.black_box.note(tick, self.stop_cause if self.guard.stopped else None)
+
+    @property
+    def stop_cause(self) -> Fault | BaseException:
+        """What the latched stop is due to."""
+        return self.exception or self.faults.first_stop or UNKNOWN_STOP
 
     @property
     def reference_array(self) -> FloatArray:
@@ -131,6 +142,8 @@ class TorqueStage(Stage):
         """Lost ticks and the adaptation; counts how long the robot stays degraded."""
         gap = tick - self.tick - 1 if self.tick >= 0 else 0
         self._lost, found = adaptation.lost_ticks(gap, self._lost, self.limits)
+        self._railed, more = adaptation.gauge_rail(self._joint_torque, self._railed, self.limits.guard)
+        found += more
         if tick % WATCH_TICKS == 0 and self.state is not None and self.state.layout.name == "TorqueState":
             assert self.params is not None
             self.adaptation, more = adaptation.watch(
@@ -175,7 +188,6 @@ class TorqueStage(Stage):
         if not refused:
             self.exception = None
             self.faults.clear()
-            self.black_box.clear()
             if self.state is not None:
                 self.state = torque.restarted(self.state)
         self.reset_answer, self.reset_asked = refused, False
@@ -218,5 +230,7 @@ class TorqueStage(Stage):
             return ERROR, self.faults.headline(self.joint_names) or "stopped; call reset", values
         return OK, "", values
 
-    def emergency(self) -> None:
-        self.exception = self.exception or RuntimeError("an exception in another part of this node")
+    def emergency(self, error: BaseException | None = None) -> None:
+        if self.exception is None:
+            self.exception = error or RuntimeError("an exception in another part of this node")
+            self.black_box.mark(self.exception)

@@ -13,6 +13,7 @@ from hd_control.nodes.chain import ChainNode
 from hd_control.nodes.lifecycle_shell import Introspection
 from hd_control.nodes.ros_loop import wait_matched
 from hd_control.stages import topics
+from hd_control.stages.black_box import BlackBox
 from hd_control.stages.gate_values import safety_limits
 from hd_control.stages.stage import Bus
 from hd_sim.nodes.plant_parameters import PARAMETERS, plant_config
@@ -59,6 +60,10 @@ class ChainWithPlant(ChainNode):
         self.plant_turn: PlantTurn | None = None
         super().__init__(PARAMETERS)
 
+    def boxes(self) -> dict[str, BlackBox]:
+        found = super().boxes()
+        return found if self.world is None else {**found, "drive": self.world.black_box}
+
     def find_robot(self) -> Robot:
         return PlantConfig.from_file(str(self.first_value("plant"))).robot
 
@@ -98,6 +103,7 @@ class ChainWithPlant(ChainNode):
 
     def dismantle(self) -> None:
         super().dismantle()
+        self.black_boxes.collect(True)
         self.seam.destroy()
         self.world = self.plant_turn = None
 

@@ -1,4 +1,5 @@
-"""`plant_node`: the simulated drives, arm and sensors; sets the tick. `~/reset` ends a latched stop of its gate.
+"""`plant_node`: the simulated drives, arm and sensors; sets the tick. `~/reset` ends a latched stop of its gate,
+`~/black_box` writes what a stop has left.
 
 `~/progress` (latched) tells the next tick, every 50 ticks and whenever the plant stands still. Exit codes: 0 stopped on
 request, 1 internal fault, 2 bad configuration.
@@ -12,6 +13,7 @@ from typing import Any
 from hd_control.core.errors import ConfigError
 from hd_control.core.parameters import ParameterSet
 from hd_control.core.robot import Robot
+from hd_control.nodes.black_box_desk import BLACK_BOX, serve_black_box
 from hd_control.nodes.lifecycle_shell import OK, Shell
 from hd_control.nodes.process import run_node
 from hd_control.nodes.reset_service import serve_reset
@@ -30,7 +32,9 @@ class PlantNode(Shell):
     def __init__(self) -> None:
         self.turn: PlantTurn | None = None
         self.world: World | None = None
-        super().__init__("plant_node", ParameterSet("plant_node", (*PARAMETERS.parameters, LIMITS), PARAMETERS.rules))
+        own = (*PARAMETERS.parameters, LIMITS, *BLACK_BOX)
+        super().__init__("plant_node", ParameterSet("plant_node", own, PARAMETERS.rules))
+        self.black_boxes = serve_black_box(self, lambda: {} if self.world is None else {"": self.world.black_box})
         serve_reset(self, lambda: self.world)
 
     def find_robot(self) -> Robot:
@@ -68,12 +72,18 @@ class PlantNode(Shell):
 
     def dismantle(self) -> None:
         self.seam.destroy()
+        self.black_boxes.collect(True)
         self.turn = self.world = None
 
     def status(self) -> tuple[bytes, str, dict[str, Any]]:
         if self.turn is None or self.world is None:
             return OK, "", {}
-        return plant_status(self.turn, self.world, self.seam)
+        level, text, values = plant_status(self.turn, self.world, self.seam)
+        return level, text, values | self.black_boxes.values()
+
+    def leave(self) -> None:
+        super().leave()
+        self.black_boxes.stop()
 
 
 def main() -> None:

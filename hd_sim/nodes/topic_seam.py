@@ -9,6 +9,7 @@ from sensor_msgs.msg import Temperature
 from std_msgs.msg import String, UInt64
 
 from hd_control.core.blocks import Block
+from hd_control.core.faults import Action, Fault, FaultCode
 from hd_control.nodes.lifecycle_shell import ERROR, OK, WARN, Shell
 from hd_control.nodes.ros_loop import chain_qos, latched_qos
 from hd_control.nodes.stage_shell import Output
@@ -64,6 +65,11 @@ class TopicSeam:
     def progress(self, tick: int) -> None:
         self._progress.publish(UInt64(data=tick))
 
+    def publishers(self) -> list[str]:
+        """Full names of all nodes that publish commands, from the graph."""
+        found = self._node.get_publishers_info_by_topic(self.commands.subscription.topic_name)
+        return sorted(f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in found)
+
     def destroy(self) -> None:
         """Removes the topics."""
         for publisher in (*self.sensor_publishers, self._temperature, self._progress, self._description):
@@ -79,6 +85,10 @@ def plant_status(turn: PlantTurn, world: World, seam: TopicSeam) -> tuple[bytes,
     stop, values = world.report()
     turn.statistics.foreign = seam.commands.foreign
     values = turn.statistics.summary() | values | {"tick": turn.tick, "skipped": turn.skipped}
+    if seam.commands.foreign:  # the run id of a message tells that there is another source, the graph who it may be
+        names = seam.publishers()
+        fault = Fault(FaultCode.TWO_PUBLISHERS, -1, len(names), 1.0, Action.REPORT)
+        values["two_publishers"] = f"{fault.text()} There are {', '.join(names)}; {seam.commands.foreign} dropped."
     if stop or turn.fault:
         return ERROR, "; ".join(filter(None, [turn.fault, stop])), values
     return (

@@ -4,7 +4,8 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-for folder in (HERE.parent, HERE.parent / "hd_sim", HERE.parent / "sabotage", HERE):
+QUICK = ("control", "core", "hd_sim", "inputs", "nodes", "record", "sabotage")
+for folder in (*(HERE.parent / name for name in QUICK), HERE.parent, HERE):
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
 

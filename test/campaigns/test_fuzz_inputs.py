@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 from results import write_result
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "inputs"))
 from targets import check_case, targets
 
 CASES, FIRST = 2000, 60

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import os
 import random
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from counts import count
 from results import write_result
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "record"))
 from test_recorder_ends import kill_once
 
-KILLS = 100
+KILLS = count(100)
 SEED = int(os.environ.get("HD_SEED", "20240229"))
 
 
@@ -27,5 +24,5 @@ def test_g5_killed_recorders(tmp_path):
         losses.append(kill_once(tmp_path / str(number), rng.uniform(0.0, 3.0)))
     worst, typical = 1e3 * max(losses), 1e3 * float(np.median(losses))
     reached = f"{KILLS} kills: at most {worst:.1f} ms lost of any topic, median {typical:.1f} ms"
-    write_result("G5", reached, worst < 100.0, worst_ms=worst, median_ms=typical)
+    write_result("G5", reached, worst < 100.0 and KILLS >= 100, worst_ms=worst, median_ms=typical)
     assert worst < 100.0

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import resource
-import sys
-from pathlib import Path
 
+from counts import count
+from damaged_bags import campaign
 from results import write_result
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "record"))
-from damaged_bags import campaign
-
-CASES, FIRST = 10_000, 1000
+CASES, FIRST = count(10_000), 1000
 MOST_MEMORY = 256 << 20
 
 
@@ -21,5 +18,10 @@ def test_g7_damaged_bags(tmp_path):
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     passed = sum(counts.values()) == CASES and peak < MOST_MEMORY
     words = ", ".join(f"{number} {kind}" for kind, number in counts.items())
-    write_result("G7", f"{CASES} damaged bags: {words}; 0 escapes, 0 silently short; {peak >> 20} MB", passed, **counts)
+    write_result(
+        "G7",
+        f"{CASES} damaged bags: {words}; 0 escapes, 0 silently short; {peak >> 20} MB",
+        passed and CASES >= 10_000,
+        **counts,
+    )
     assert passed

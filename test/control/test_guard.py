@@ -1,9 +1,12 @@
 """Guard: controlled stop, envelope, strongest action, latch and reset; limits of the guard; monitors of the loop."""
 
 import math
+from functools import lru_cache
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hd_control.control import adaptation_monitor as watchers
 from hd_control.control import controlled_stop as stop
@@ -11,7 +14,7 @@ from hd_control.control import guard_limits, torque_adaptive
 from hd_control.control.guard import Guard, Mode
 from hd_control.control.torque import layout as torque_layout
 from hd_control.core.errors import ConfigError
-from hd_control.core.faults import Action, Fault, FaultCode
+from hd_control.core.faults import Action, Fault, FaultCode, strongest
 from hd_control.core.resources import config_path
 from hd_control.core.strict_yaml import load_params_file
 
@@ -22,6 +25,7 @@ SPEED = np.array([1.5, 2.5])
 HOLD = np.array([40.0, -7.0])
 
 
+@lru_cache
 def limits():
     return guard_limits.configure(
         guard_limits.select(load_params_file(config_path("limits.yaml"), "limits"), NAMES), DT
@@ -78,7 +82,7 @@ def test_before_activation_nothing_leaves_and_faults_only_report():
         ({"tick": [401.0, 2.0**54]}, FaultCode.STAMP_STUCK, 2.0**54, 400.0),
     ],
 )
-def test_a_bad_input_begins_a_controlled_stop_in_the_same_sample(case, code, value, bound):
+def test_f02_f04_f18_a_bad_input_begins_a_controlled_stop_in_the_same_sample(case, code, value, bound):
     bench = Bench()
     out, faults = bench.send(**case)
     assert bench.guard.controlled and bench.guard.mode is Mode.HOLDING and not bench.guard.gate.stopped
@@ -156,7 +160,7 @@ def test_a_running_stop_does_not_begin_anew():
         assert bench.guard.stop.elapsed == k + 1.0
 
 
-def test_leaving_the_stop_makes_it_a_ramp():
+def test_f42_leaving_the_stop_makes_it_a_ramp():
     bench = Bench()
     bench.send(demands=[demand(Action.CONTROLLED_STOP)])
     bench.guard.measured.motor_velocity = [0.0, 0.4]
@@ -180,7 +184,7 @@ def test_the_drive_side_holds_only_while_its_brakes_close():
     assert outs[4:] == [0.0, 0.0, 0.0] and bench.guard.mode is Mode.STOPPED
 
 
-def test_twenty_rate_excesses_in_a_row_become_a_controlled_stop():
+def test_f39_twenty_rate_excesses_in_a_row_become_a_controlled_stop():
     bench = Bench()
     for k in range(25):
         out, faults = bench.send([1200.0 if k % 2 else -1200.0, -7.0])
@@ -385,5 +389,72 @@ def test_a_reset_while_inactive_does_not_activate():
     assert bench.send()[0].tolist() == [0.0, 0.0]
 
 
+def test_f36_the_last_tick_that_a_double_counts_is_used_the_next_is_not():
+    bench = Bench()
+    bench.send(tick=2.0**53 - 1.0)
+    _, faults = bench.send(tick=2.0**53)
+    assert faults == [] and not bench.guard.stopped
+    _, faults = bench.send(tick=2.0**53 + 2.0)
+    assert {fault.code for fault in faults} == {FaultCode.STAMP_STUCK} and bench.guard.stopped
+
+
+@pytest.mark.parametrize("torque", [594.0, -594.0, 700.0])
+def test_f08_three_readings_at_the_rail_degrade(torque):
+    bounds, run = limits().guard, np.zeros(N)
+    rail = float(bounds.gauge_rail[1])
+    assert rail == 600.0
+    for k in range(1, 5):
+        run, faults = watchers.gauge_rail(np.array([0.0, torque]), run, bounds)
+        assert run.tolist() == [0.0, k]
+        expected = [(FaultCode.GAUGE_RAIL, 1, torque, rail, Action.DEGRADE)] if k >= 3 else []
+        assert [(f.code, f.joint, f.value, f.limit, f.action) for f in faults] == expected
+    assert watchers.gauge_rail(np.array([0.0, 593.9]), run, bounds) == (pytest.approx(np.zeros(N)), [])
+    for free in ([0.0, math.nan], [2300.0, 0.0]):
+        after, faults = watchers.gauge_rail(np.array(free), run, bounds)
+        assert after.tolist() == [0.0, 0.0] and faults == []
+
+
 def test_f01_a_tenth_is_forgiven_exactly():
     assert watchers.lost_ticks(0, 0.1, limits())[0] == 0.0 and watchers.lost_ticks(1, 0.1, limits())[0] == 1.0
+
+
+BOUNDS = [
+    *((name, 1, 10**6) for name in ("degrade_gap_samples", "recover_samples", "brake_samples", "rejected_samples",
+                                    "disagree_samples", "frozen_samples", "rail_samples", "rail_degrade_samples")),
+    ("adaptation_time", 0.01, 1e3),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "low", "high"), BOUNDS)
+def test_each_limit_of_the_guard_has_its_bounds(name, low, high):
+    values = guard_limits.select(load_params_file(config_path("limits.yaml"), "limits"), NAMES)
+    step = 1 if isinstance(low, int) else 1e-6
+    for good in (low, low + step, high - step, high):
+        assert float(guard_limits.configure(values | {name: good}, DT).guard.view(name)) == good
+    for bad in (low - step, high + step):
+        with pytest.raises(ConfigError, match=name):
+            guard_limits.configure(values | {name: bad}, DT)
+
+
+def test_limits_per_joint_are_above_zero_and_may_be_small():
+    values = guard_limits.select(load_params_file(config_path("limits.yaml"), "limits"), NAMES)
+    for name in guard_limits.PARAMETERS.names:
+        if isinstance(values[name], list):
+            found = guard_limits.configure(values | {name: [1e-9, 0.5]}, DT).guard.view(name)
+            assert found.tolist() == [1e-9, 0.5]
+            with pytest.raises(ConfigError, match=name):
+                guard_limits.configure(values | {name: [0.0, 0.5]}, DT)
+
+
+def test_the_torque_that_is_held_is_the_mean_of_about_fifty_samples():
+    bench = Bench()
+    before = bench.guard._mean.copy()
+    bench.send(HOLD + [5.0, -1.0])
+    np.testing.assert_allclose(bench.guard._mean, before + (HOLD + [5.0, -1.0] - before) / 50.0, rtol=1e-15)
+
+
+@given(st.integers(0, 12), st.integers(0, 12), st.floats(0.0, 12.0))
+def test_a_longer_gap_never_gives_a_weaker_action(one, other, level):
+    short, long = sorted((one, other))
+    actions = [strongest(watchers.lost_ticks(gap, level, limits())[1]) for gap in (short, long)]
+    assert actions[0] <= actions[1]

@@ -137,7 +137,7 @@ def test_a_compliant_stream_leaves_bit_for_bit(changes):
 
 @pytest.mark.parametrize("gate", GATES)
 class TestBothForms:
-    def test_too_large_is_cut_counted_and_reported(self, gate):
+    def test_f37_too_large_is_cut_counted_and_reported(self, gate):
         state = opened(applied=(95.0, -48.0, 0.0))
         out, new, faults = send(gate, [101.0, -51.0, 0.5], state)
         assert out.tolist() == [100.0, -50.0, 0.5]
@@ -147,7 +147,7 @@ class TestBothForms:
         ]
         assert new.saturated_samples.tolist() == [1, 1, 0] and new.rate_limited_samples.tolist() == [0, 0, 0]
 
-    def test_rate_is_measured_from_the_torque_that_left(self, gate):
+    def test_f38_rate_is_measured_from_the_torque_that_left(self, gate):
         """Asked for 40 twice with a step of 10: 10, then 20. Measured from the request the second would be 40."""
         out, state, faults = send(gate, [40.0, 0.0, 0.0], opened())
         assert out[0] == 10.0 and faults[0].code is FaultCode.RATE_LIMITED
@@ -243,7 +243,7 @@ class TestBothForms:
 
     def test_each_joint_has_its_own_limits(self, gate):
         """Joints and limits permuted together: the result is permuted."""
-        state, command, order = opened(applied=(95.0, 45.0, 19.0)), np.array([120.0, 60.0, 30.0]), [2, 0, 1]
+        state, command, order = opened(applied=(95.0, 45.0, 19.0)), np.array([120.0, 60.0, 30.0]), [1, 0, 2]
         out, new, _ = send(gate, command, state)
         moved = state.copy()
         for name in ("last_torque", "last_tick", "rate_excess_run", "catch_up"):
@@ -344,6 +344,28 @@ def test_shipped_limits_and_their_refusals():
     ]:
         with pytest.raises(ConfigError, match=name):
             gate_limits.configure(values | {name: bad}, DT)
+
+
+@pytest.mark.parametrize(
+    ("name", "good", "bad"),
+    [
+        ("age_limit_samples", (1, 2, 999, 1000), (0, 1001)),
+        ("rate_excess_limit", (1, 2, 999, 1000), (0, 1001)),
+        ("reset_samples", (2, 3, 10**6), (1, 10**6 + 1)),
+        ("standstill_velocity", (1e-9, 0.1), (0.0, 0.1000001, -0.01)),
+        ("motor_torque_limit", ([1e-9] * 7, [0.5] * 7), ([0.0] * 7, [1.0] * 6 + [-1.0])),
+        ("motor_torque_rate_limit", ([1e-9] * 7, [0.5] * 7), ([0.0] * 7, [1.0] * 6 + [math.inf])),
+    ],
+)
+def test_each_limit_of_the_gate_has_its_bounds(name, good, bad):
+    names = gate_limits.PARAMETERS.names
+    shipped = load_params_file(config_path("limits.yaml"), "limits")
+    values = {key: value for key, value in shipped.items() if key in names}
+    for value in good:
+        gate_limits.configure(values | {name: value}, 1e-3)
+    for value in bad:
+        with pytest.raises(ConfigError, match=name):
+            gate_limits.configure(values | {name: value}, 1e-3)
 
 
 def test_the_oracle_sees_what_it_should():

@@ -104,7 +104,7 @@ def test_bad_combinations_are_refused(values):
         torque.configure(values, None, DT)
 
 
-def test_the_robot_must_have_the_joints(values):
+def test_f25_the_robot_must_have_the_joints(values):
     class Robot:
         joint_names = tuple(f"joint_{i}" for i in range(1, 7))
 

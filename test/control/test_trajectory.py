@@ -269,7 +269,7 @@ def test_enveloped_sine_is_its_own_derivative():
     assert np.all(value[t == 0.0] == 0.0)
 
 
-def test_after_the_end_nothing_moves_whatever_the_last_point_says():
+def test_f23_after_the_end_nothing_moves_whatever_the_last_point_says():
     """A checked goal ends at rest; a follower that is given another one still holds still after it."""
     times, q, ones = np.array([0.0, 0.5]), np.stack([Q0, Q0 + 0.1]), np.ones((2, 3))
     follower = TrajectoryFollower(NAMES, DT, Q0)

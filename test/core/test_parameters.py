@@ -47,7 +47,7 @@ def test_a_good_set_has_no_problems():
         ({"gian": 1}, "unknown parameter of node, did you mean gain"),
     ],
 )
-def test_each_bad_value_is_named_with_what_is_allowed(change, says):
+def test_f20_each_bad_value_is_named_with_what_is_allowed(change, says):
     with pytest.raises(ConfigError, match=says):
         GAINS.check({**GOOD, **change}, 2)
 

@@ -37,7 +37,7 @@ def test_numbers_follow_yaml_1_2():
         ("[" + "1," * 60_000 + "1]", "values"),
     ],
 )
-def test_doubtful_text_is_refused_with_its_line(text, says):
+def test_f26_doubtful_text_is_refused_with_its_line(text, says):
     with pytest.raises(ConfigError, match=says):
         parse_yaml(text, "file.yaml")
 

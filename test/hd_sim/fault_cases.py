@@ -4,11 +4,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from oracles.deadlines import deadline
+from oracles.degraded import DegradedOracle
 from oracles.unsafe_run import RunOracle
 
 from hd_control.core.resources import config_path
 from hd_control.core.strict_yaml import load_params_file
 from hd_sim.fault_injection import ARMED, make_runner, start_motion
+
+BEFORE_TICKS = 2000
+SENSOR_TOPICS = ("encoder", "resolver", "gauge_bridge", "motor_torque_applied", "motor_torque_command")
+ESTIMATES = ("coulomb_torque", "friction_offset", "viscous_positive", "viscous_negative", "torsional_compliance")
 
 
 @dataclass
@@ -37,6 +42,8 @@ def run_case(case):
     runner = make_runner(case)
     oracle, seam = make_oracle(runner), runner.world.seam
     plant, stop_tick, detected = seam.plant, -1, ""
+    degraded = DegradedOracle(runner.goal_limits.velocity)
+    first_stops = {}
     for tick in range(case.ticks):
         if tick == ARMED:
             start_motion(runner, case)
@@ -47,16 +54,53 @@ def run_case(case):
             tick, runner.given, seam.armed, seam.stopped, seam.guard.controlled, used,
             plant.true_joint_position, plant.true_joint_velocity, plant.state.motor_velocity, gravity,
         )  # fmt: skip
+        law = runner.torque
+        mode = law.mode
+        if mode == "DEGRADED" or degraded.since is not None:
+            degraded.look(tick, mode, runner.motion.reference.desired_velocity, estimates_of(law))
+        for name, stopped in (("control", law.guard.stopped), ("drive", seam.stopped)):
+            if stopped:
+                first_stops.setdefault(name, tick)
         if stop_tick < 0 and (seam.stopped or runner.torque.guard.stopped):
             stop_tick = tick
-            first = runner.torque.faults.first_stop or runner.world.faults.first_stop
+            books = (runner.fusion.faults, runner.torque.faults, runner.world.faults)
+            first = next((book.first_stop for book in books if book.first_stop is not None), None)
             detected = first.code.name if first is not None else "?"
-    problems = [f"{letter} joint {joint} at tick {tick}" for tick, letter, joint in oracle.found[:5]]
+    found = [*oracle.found[:5], *degraded.found[:5]]
+    problems = [f"{letter} joint {joint} at tick {tick}" for tick, letter, joint in found]
+    problems += black_box_problems(runner, first_stops)
     for injection in case.injections:
         limit = deadline(injection)
         if limit is not None and not 0 <= stop_tick <= limit:
             problems.append(f"no stop by tick {limit} ({injection.target} {injection.kind}), stopped at {stop_tick}")
     return Verdict(problems, stop_tick, oracle.fastest, detected)
+
+
+def estimates_of(law):
+    """The estimates of the adaptive law as bytes."""
+    if law.state is None or law.state.layout.name != "TorqueState":
+        return b""
+    return b"".join(law.state.view(name).tobytes() for name in ESTIMATES)
+
+
+def black_box_problems(runner, first_stops):
+    """G19: each side that has stopped kept what it saw before, from 2 s earlier or its first tick on."""
+    found = []
+    for name, box in (("control", runner.torque.black_box), ("drive", runner.world.black_box)):
+        incidents = box.take(True)
+        if name not in first_stops:
+            continue
+        stop = first_stops[name]
+        if not incidents or abs(incidents[0].stop_tick - stop) > 1:
+            found.append(f"black box: the {name} side stopped at {stop}, kept {[i.stop_tick for i in incidents]}")
+            continue
+        ticks, topics = incidents[0].ticks, incidents[0].topics
+        first = max(0, stop - BEFORE_TICKS)
+        if ticks[0] > first or incidents[0].stop_tick not in ticks or not set(SENSOR_TOPICS) <= set(topics):
+            found.append(f"black box: the {name} side kept ticks {ticks[0]} to {ticks[-1]} of {sorted(topics)}")
+        if name == "drive" and np.any(np.diff(ticks) != 1):
+            found.append("black box: the drive side has holes")
+    return found
 
 
 def shrink(case):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from hd_control.core.faults import FaultCode
 from hd_control.stages.gate_values import safety_limits
 from hd_sim.drive_seam import ARMING_SAMPLES, DriveSeam
 from hd_sim.plant import Plant, PlantConfig
@@ -85,6 +86,28 @@ def test_joints_may_come_from_several_controllers_and_old_commands_are_dropped(s
     seam.offer(slice(None), np.full(7, 99.0), 5)
     assert seam.stale == 3
     np.testing.assert_array_equal(seam.command, np.arange(1.0, 8.0))
+
+
+def test_f41_a_moving_joint_that_gets_exactly_no_torque_three_times_gets_the_brakes(seam):
+    _run(seam, 0, 200, _gravity(seam))
+    faults = []
+    for tick in range(200, 206):
+        seam.guard.measured.joint_velocity[2] = 0.06
+        faults += seam.latch(tick)[1]
+        command = _gravity(seam)
+        command[2] = 0.0
+        seam.offer(slice(None), command, tick)
+    stops = [(fault.code, fault.joint, fault.value) for fault in faults if fault.code is FaultCode.LET_GO]
+    assert stops[0] == (FaultCode.LET_GO, 2, 3.0) and seam.stopped and seam.brake_closed
+
+
+def test_f41_a_joint_at_rest_may_get_no_torque(seam):
+    _run(seam, 0, 200, _gravity(seam))
+    seam.sample()
+    seam.guard.measured.joint_velocity[:] = 0.05
+    seam.guard.measured.motor_velocity[:] = -0.05
+    seam.command[2] = 0.0
+    assert [seam._let_go() for _ in range(5)] == [[]] * 5
 
 
 def test_a_command_that_is_not_finite_never_reaches_the_drives(seam):

@@ -53,12 +53,24 @@ def wrong_value(parameter: Parameter, value: Any, rng: random.Random) -> Any:
     return changed
 
 
-@pytest.mark.parametrize("node", LAWS)
-def test_one_wrong_value_refuses_the_whole_set_and_is_named(node):
+def right_value(parameter: Parameter, value: Any, rng: random.Random) -> Any:
+    """Another value that the declaration allows, so near the shipped one that the rules between values still hold."""
+
+    def near(number: Any) -> Any:
+        if parameter.kind is not float:
+            return number
+        moved = number * (1.0 + rng.uniform(-1e-3, 1e-3))
+        return min(max(moved, parameter.low), parameter.high)
+
+    return [near(each) for each in value] if isinstance(value, list) else near(value)
+
+
+def judge_wrong_sets(node: str, seed: Any, cases: int) -> None:
+    """Sets with one wrong value: each refused as a whole, the value named, nothing changed."""
     parameters, good = values_of(node)
     assert parameters.problems(good, JOINTS) == []
-    rng = random.Random(node)
-    for number in range(CASES):
+    rng = random.Random(seed)
+    for number in range(cases):
         parameter = rng.choice(parameters.parameters)
         values = {**good, parameter.name: wrong_value(parameter, good[parameter.name], rng)}
         before = copy.deepcopy(values)
@@ -66,6 +78,26 @@ def test_one_wrong_value_refuses_the_whole_set_and_is_named(node):
             parameters.check(values, JOINTS)
         assert parameter.name in str(refused.value), f"{number}: {parameter.name} = {values[parameter.name]!r:.100}"
         assert repr(values) == repr(before)
+
+
+def judge_right_sets(node: str, seed: Any, cases: int) -> None:
+    """Sets of right values: each taken. Bounds that are equal to what they bound stay as they are."""
+    parameters, good = values_of(node)
+    rng = random.Random(seed)
+    free = [p for p in parameters.parameters if not p.name.endswith(("_low", "_high", "_low_factor", "_high_factor"))]
+    for _ in range(cases):
+        changed = {p.name: right_value(p, good[p.name], rng) for p in rng.sample(free, min(4, len(free)))}
+        assert parameters.problems({**good, **changed}, JOINTS) == []
+
+
+@pytest.mark.parametrize("node", LAWS)
+def test_one_wrong_value_refuses_the_whole_set_and_is_named(node):
+    judge_wrong_sets(node, node, CASES)
+
+
+@pytest.mark.parametrize("node", LAWS)
+def test_right_values_are_taken(node):
+    judge_right_sets(node, node, 50)
 
 
 @pytest.mark.parametrize("node", LAWS)

@@ -15,6 +15,8 @@ from node_runs import random_domain
 from hd_control.nodes.children import child_environment
 from hd_control.nodes.run_plan import MODULES, RunPlan
 from hd_control.nodes.session import Session
+from hd_control.record.black_box_files import black_boxes
+from hd_control.record.reader import BagReader
 
 pytestmark = pytest.mark.process
 ROOT = Path(__file__).resolve().parents[2]
@@ -22,7 +24,8 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def test_f18_killed_torque_node_stops_the_plant_in_ten_ticks_and_latches(tmp_path: Path) -> None:
     """In a namespace, so that relative names are tested as well."""
-    values = {"plant_node": {"lockstep_timeout": 0.5, "pause_at_tick": 300}}
+    folder = {"black_box_folder": str(tmp_path / "boxes")}
+    values = {"plant_node": {"lockstep_timeout": 0.5, "pause_at_tick": 300} | folder, "torque_node": folder}
     plan = RunPlan(lockstep=True, namespace="arm", parameters=values)
     with Session(plan, random_domain(), tmp_path) as session:
         session.activate()
@@ -45,6 +48,12 @@ def test_f18_killed_torque_node_stops_the_plant_in_ten_ticks_and_latches(tmp_pat
     codes = session.exit_codes
     assert codes.pop("torque_node") == -signal.SIGKILL
     assert set(codes.values()) == {0}
+    [box] = black_boxes(tmp_path / "boxes" / "arm" / "plant_node")
+    assert box.name == "000001_HD-F18"
+    bag = BagReader(box)
+    ticks = bag.columns("encoder").stamps_ns // 1_000_000
+    assert bag.complete and ticks[0] == 0 and ticks[-1] == 399 and len(ticks) == 400
+    assert bag.metadata["hd_session"]["stop_tick"] == found["gate_stop_tick"]
 
 
 def test_ctrl_c_leaves_no_process(tmp_path: Path) -> None:

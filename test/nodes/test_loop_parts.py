@@ -64,7 +64,7 @@ def test_a_newer_tick_abandons_and_counts_an_incomplete_one() -> None:
     assert inputs.offer(1, 3) == COMPLETE
 
 
-def test_a_stamp_that_stands_still_never_acts_again() -> None:
+def test_f02_f16_a_stamp_that_stands_still_never_acts_again() -> None:
     inputs = Inputs(1)
     assert inputs.offer(0, 7) == COMPLETE
     assert inputs.offer(0, 7) == REPEATED
@@ -78,7 +78,7 @@ def test_an_optional_input_counts_from_its_first_sight() -> None:
     assert inputs.offer(1, 3) == STORED, "after it was seen, it is waited for"
 
 
-def test_another_run_id_is_foreign_and_another_layout_is_named() -> None:
+def test_f19_f24_another_run_id_is_foreign_and_another_layout_is_named() -> None:
     inputs = Inputs(1)
     inputs.offer(0, 1)
     assert inputs.offer(0, 2, run_id="1" * 16) == FOREIGN and inputs.numbers[0, 0] == 1

@@ -19,7 +19,7 @@ def accounted(session: Session) -> int:
     return int(found.get("ticks", "0")) + int(found.get("skipped", "0"))
 
 
-def test_every_wall_tick_is_published_or_counted_as_skipped(tmp_path: Path) -> None:
+def test_f17_every_wall_tick_is_published_or_counted_as_skipped(tmp_path: Path) -> None:
     plan = RunPlan(nodes=("chain",), parameters={"chain": {"stop_after_tick": 1500}})
     with Session(plan, random_domain(), tmp_path, real_time=False) as session:
         session.activate()

@@ -8,6 +8,7 @@ from fractions import Fraction
 EMITTING = ("ACTIVE", "DEGRADED", "STOPPING", "HOLDING")
 # The emitted torque is a rounded sum of two floats; exact arithmetic sees that rounding. 1e-12 of the sizes involved.
 ROUNDING = Fraction(1, 10**12)
+CLEAR = 1.0 - 1e-6
 
 
 def judge(torque, before, torque_limit, torque_step, state="ACTIVE", ages=None, age_limit=None, ticks=None, used=None):
@@ -17,6 +18,14 @@ def judge(torque, before, torque_limit, torque_step, state="ACTIVE", ages=None, 
         if value != value or value in (float("inf"), float("-inf")):
             found.append(("a", joint))
             continue
+        near = torque_limit[joint] * CLEAR
+        if (
+            state in EMITTING
+            and ages is None
+            and abs(value) < near
+            and abs(value - before[joint]) < torque_step[joint] * CLEAR
+        ):
+            continue  # so far inside that no rounding matters
         exact = Fraction(value)
         if abs(exact) > Fraction(torque_limit[joint]):
             found.append(("b", joint))

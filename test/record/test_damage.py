@@ -68,7 +68,7 @@ def test_every_flipped_byte_is_noticed_or_harmless(tmp_path):
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_random_damage_gives_a_result_or_a_bag_error(tmp_path, seed):
+def test_f27_random_damage_gives_a_result_or_a_bag_error(tmp_path, seed):
     rng = random.Random(seed)
     data = bytearray(file_of(write_bag(tmp_path / "bag", 30, live=seed % 2 == 0, compact=seed % 4 == 0)).read_bytes())
     kind, at = seed % 5, rng.randrange(9, len(data) - 64)

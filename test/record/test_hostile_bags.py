@@ -51,7 +51,7 @@ def chunk(data: bytes, packed: bytes, compression: bytes, stated: int | None = N
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4"])
 @pytest.mark.parametrize("stated", [1 << 20, 60 << 20, 1 << 60])
-def test_decompression_bombs(tmp_path, compression, stated):
+def test_f29_decompression_bombs(tmp_path, compression, stated):
     import lz4.frame
     import zstandard
 
@@ -110,7 +110,7 @@ FOREIGN = {
 
 
 @pytest.mark.parametrize("name", FOREIGN)
-def test_foreign_types_are_data(tmp_path, name):
+def test_f28_foreign_types_are_data(tmp_path, name):
     """Read, or refused by a BagError, or told as messages that do not fit; raw bytes stay readable always."""
     type_name, definition = FOREIGN[name]
     path = tmp_path / "foreign.mcap"

@@ -37,8 +37,13 @@ def balance(table) -> bool:
 @pytest.mark.parametrize("seed", range(20))
 def test_published_equals_written_plus_drops(tmp_path, seed):
     """Random interleaving of publishing, transport loss, overload and draining (goal G8)."""
+    account_once(tmp_path / "bag", seed)
+
+
+def account_once(path: Path, seed: int) -> None:
+    """One random run into a bag at `path`; raises AssertionError unless every sample is accounted for."""
     rng = random.Random(seed)
-    recorder = recorder_of(tmp_path / "bag", queue_depth=rng.choice([1, 5, 50]), total_depth=rng.choice([4, 100]))
+    recorder = recorder_of(path, queue_depth=rng.choice([1, 5, 50]), total_depth=rng.choice([4, 100]))
     published = dict.fromkeys(SENSORS, 0)
     for k in range(300):
         for topic in SENSORS:
@@ -51,14 +56,14 @@ def test_published_equals_written_plus_drops(tmp_path, seed):
     assert recorder.close() == ""
     table = recorder.statistics()
     assert balance(table)
-    reader = BagReader(tmp_path / "bag")
+    reader = BagReader(path)
     for topic in SENSORS:
         assert table[topic]["published"] == published[topic]
         assert reader.counts[topic] == table[topic]["written"]
         assert reader.accounting[topic]["drops"] == table[topic]["drops"]
 
 
-def test_overload_drops_the_oldest(tmp_path):
+def test_f31_overload_drops_the_oldest(tmp_path):
     recorder = recorder_of(tmp_path / "bag", queue_depth=3)
     for k in range(10):
         recorder.offer("/encoder", T0 + k * TICK, payload_of("encoder", k))

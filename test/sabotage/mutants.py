@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import ast
 import copy
+import json
 import os
+import signal
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -20,6 +22,7 @@ GATE, GUARD, SENSORS = (
     "test/control/test_guard.py",
     "test/sensing/test_sensor_monitors.py",
 )
+DEGRADED = "test/stages/test_degraded.py"
 MODULES = {
     "hd_control.control.safety_gate": GATE,
     "hd_control.control.gate_limits": GATE,
@@ -28,7 +31,11 @@ MODULES = {
     "hd_control.control.controlled_stop": GUARD,
     "hd_control.control.adaptation_monitor": GUARD,
     "hd_control.sensing.sensor_monitors": SENSORS,
+    "hd_control.sensing.stuck_monitor": SENSORS,
+    "hd_control.control.slow_motion": DEGRADED,
 }
+NOTICED = (1, 2, -signal.SIGALRM)
+"""Exit codes of pytest: a test failed, a test file could not be read any more; or the run was ended from outside."""
 COMPARE = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
 ARITHMETIC = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.BitAnd: ast.BitOr,
               ast.BitOr: ast.BitAnd}  # fmt: skip
@@ -110,31 +117,66 @@ def _put(parent: ast.AST, field: str, place: int | None, node: ast.AST) -> None:
         getattr(parent, field)[place] = node
 
 
-RUNNER = """
-import importlib.abc, importlib.machinery, importlib.util, os, sys
-module, source = sys.argv[1], sys.stdin.read()
+FINDER = """
+import importlib.abc, importlib.machinery, importlib.util, json, os, signal, sys
 class Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+    def __init__(self, module, source, path):
+        self.module, self.source, self.path = module, source, path
     def find_spec(self, name, path, target=None):
-        if name != module:
+        if name != self.module:
             return None
-        spec = importlib.util.spec_from_loader(name, self, origin=sys.argv[2])
+        if self.path.endswith(".so"):
+            loader = importlib.machinery.ExtensionFileLoader(name, self.path)
+            return importlib.util.spec_from_file_location(name, self.path, loader=loader)
+        spec = importlib.util.spec_from_loader(name, self, origin=self.path)
         spec.has_location = True
         return spec
     def create_module(self, spec):
         return None
     def exec_module(self, made):
-        made.__file__ = sys.argv[2]
-        code = compile(source, sys.argv[2], "exec")
-        getattr(__import__("builtins"), "exec")(code, made.__dict__)
-sys.meta_path.insert(0, Finder())
-import pytest
-sys.exit(pytest.main(["-q", "-x", "--no-header", "-p", "no:cacheprovider", "--tb=no", *sys.argv[3:]]))
+        made.__file__ = self.path
+        getattr(__import__("builtins"), "exec")(compile(self.source, self.path, "exec"), made.__dict__)
+OPTIONS = ["-q", "-x", "--no-header", "-p", "no:cacheprovider", "--tb=no"]
 """
+RUNNER = (
+    FINDER
+    + """
+sys.meta_path.insert(0, Finder(sys.argv[1], sys.stdin.read(), sys.argv[2]))
+import pytest
+sys.exit(pytest.main([*OPTIONS, *sys.argv[3:]]))
+"""
+)
+SERVER = (
+    FINDER
+    + """
+import hypothesis, numpy, pinocchio, pytest
+for line in sys.stdin:
+    module, source, path, seconds, tests = json.loads(line)
+    child = os.fork()
+    if child == 0:
+        quiet = os.open(os.devnull, os.O_RDWR)
+        for number in (0, 1, 2):
+            os.dup2(quiet, number)
+        signal.alarm(int(seconds))
+        sys.meta_path.insert(0, Finder(module, source, path))
+        os._exit(int(pytest.main([*OPTIONS, *tests])))
+    print(json.dumps(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])), flush=True)
+"""
+)
 
 
 def notices(module: str, source: str, tests: list[str], seconds: float = 300.0) -> bool:
     """Do the tests fail with this source in the place of the module?"""
-    command = [sys.executable, "-c", RUNNER, module, str(path_of(module)), *tests]
+    return _fails([module, str(path_of(module)), *tests], source, seconds)
+
+
+def notices_library(module: str, library: Path, tests: list[str], seconds: float = 600.0) -> bool:
+    """Do the tests fail with this compiled library in the place of the module?"""
+    return _fails([module, str(library), *tests], "", seconds)
+
+
+def _fails(arguments: list[str], source: str, seconds: float) -> bool:
+    command = [sys.executable, "-c", RUNNER, *arguments]
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
     try:
         done = subprocess.run(
@@ -142,7 +184,29 @@ def notices(module: str, source: str, tests: list[str], seconds: float = 300.0) 
         )
     except subprocess.TimeoutExpired:
         return True
-    return done.returncode == 1
+    return done.returncode in NOTICED
+
+
+class MutantServer:
+    """Tries changed sources one after the other, each in a fork of a process that has the libraries loaded already."""
+
+    def __init__(self) -> None:
+        environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+        pipe = subprocess.PIPE
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", SERVER], stdin=pipe, stdout=pipe, text=True, cwd=ROOT, env=environment
+        )
+
+    def notices(self, module: str, source: str, tests: list[str], seconds: float = 300.0) -> bool:
+        """Do the tests fail with this source in the place of the module? One that never ends counts as noticed."""
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._process.stdin.write(json.dumps([module, source, str(path_of(module)), seconds, tests]) + "\n")
+        self._process.stdin.flush()
+        return json.loads(self._process.stdout.readline()) in NOTICED
+
+    def close(self) -> None:
+        """Ends the process."""
+        self._process.communicate()
 
 
 BRANCHED = (ast.If, ast.IfExp, ast.While)

@@ -7,6 +7,7 @@ import pytest
 
 from hd_control.core.faults import Action, FaultCode
 from hd_control.sensing import sensor_monitors as m
+from hd_control.sensing import stuck_monitor as sm
 
 LIMIT = np.array([[0.01, 0.02], [0.01, 0.02], [50.0, 20.0]])
 NO_WRAP = None
@@ -18,6 +19,7 @@ LIMITS = m.SensorLimits(
     disagree_samples=5.0,
     frozen_samples=4.0,
     rail_samples=3.0,
+    stuck_motion_limit=np.array([0.002, 0.002]),
 )
 NOTHING = np.zeros(2)
 
@@ -239,3 +241,56 @@ def test_f09_f10_fast_motion_is_not_observed():
     for steps, observed in ((23, True), (21, False)):
         memory, faults = turn(lambda beta: np.array([15.0, 9.0]), turns=1.05, steps=steps)
         assert np.isfinite(memory.mean).all() == observed and bool(faults) == observed
+
+
+def stuck_run(encoder, resolver, torque=0.0, ticks=200):
+    """Tick and joint of the first fault; positions are functions of the tick, joint 0 stays at rest."""
+    memory = sm.first_stuck(np.array([[1.0, encoder(0)], [1.0, resolver(0)]]))
+    for k in range(1, ticks):
+        positions = np.array([[1.0, encoder(k)], [1.0, resolver(k)]])
+        twist = np.array([0.0, torque(k) if callable(torque) else torque])
+        missed, memory, faults = sm.stuck(positions, twist, memory, 20.0, np.array([0.002, 0.002]))
+        if faults:
+            fault = faults[0]
+            assert (fault.code, fault.limit, fault.action) == (FaultCode.VALUE_FROZEN, 20.0, Action.CONTROLLED_STOP)
+            assert missed[fault.joint] > 0.002 and fault.value >= 20.0
+            return k, fault.joint
+    return None
+
+
+@pytest.mark.parametrize(("speed", "found"), [(1e-3, 20), (-1e-3, 20), (0.9e-4, 24), (0.45e-4, 46), (1e-6, None)])
+def test_f03_a_position_sensor_that_repeats_itself_while_the_other_moves(speed, found):
+    """20 equal readings, or as many as 0.002 rad take; never without motion."""
+    moves, rests = lambda k: speed * k, lambda k: 0.0
+    expected = None if found is None else (found, 1)
+    assert stuck_run(moves, rests) == stuck_run(rests, moves) == expected
+
+
+def test_f03_a_blocked_joint_that_is_wound_up_is_no_stuck_sensor():
+    """The motor moves by what the spring twists: the joint is expected to stand; and the other way round."""
+    assert stuck_run(lambda k: 0.3 + 0.9e-4 * k, lambda k: 0.0, torque=lambda k: 0.9e-4 * k) is None
+    assert stuck_run(lambda k: 0.3, lambda k: 0.9e-4 * k, torque=lambda k: -0.9e-4 * k) is None
+
+
+def test_f03_a_gauge_that_drifts_at_rest_is_no_motion():
+    """Also when the readings change now and then, and motor and joint are far apart."""
+    drift = lambda k: 0.9e-4 * k  # noqa: E731 - as short as the others
+    for encoder in (lambda k: 0.3, lambda k: 0.3 + 1e-9 * (k // 90)):
+        assert stuck_run(encoder, lambda k: 0.0, torque=drift) is None
+        assert stuck_run(lambda k: 0.0, encoder, torque=drift) is None
+
+
+def test_f03_exactly_the_limit_is_no_fault():
+    limit, memory = np.full(2, 2.0**-9), sm.first_stuck(np.zeros((2, 2)))
+    for k in range(1, 40):
+        positions = np.array([[0.0, min(k - 1, 32) * 2.0**-14], [0.0, 0.0]])
+        missed, memory, faults = sm.stuck(positions, np.zeros(2), memory, 20.0, limit)
+        assert faults == []
+    assert missed.tolist() == [0.0, 2.0**-9]
+
+
+def test_f03_one_other_reading_begins_the_count_anew_and_no_number_expects_nothing():
+    assert stuck_run(lambda k: 0.9e-4 * k, lambda k: 1e-9 * (k // 20)) is None
+    assert stuck_run(lambda k: 0.9e-4 * k, lambda k: 0.0, torque=math.nan) is None
+    gap = stuck_run(lambda k: 0.9e-4 * k, lambda k: 0.0, torque=lambda k: math.nan if k < 30 else 0.0)
+    assert gap == (53, 1), "expected from the first number on"

@@ -1,4 +1,4 @@
-"""A model that changes while the laws run: no jump, the new values after half a second, gains at once."""
+"""Values that change while the laws run: no jump; a model takes half a second, gains and bounds a tenth."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ BETTER = {
 }  # fmt: skip
 
 
-def run(change, ticks=CHANGE + 2 * RAMP, still=False):
+def run(change, ticks=CHANGE + 2 * RAMP, look=lambda runner: None, still=False):
     """Commands (ticks,) and estimates of Coulomb friction of a run in which `change(runner)` happens before CHANGE."""
     config = PlantConfig.from_file("single_joint_3")
     runner = Runner(RunSetup(config, 0, {"torque_node": {"adapt_friction": False}}))
@@ -33,6 +33,7 @@ def run(change, ticks=CHANGE + 2 * RAMP, still=False):
         if tick == CHANGE:
             change(runner)
         commands.append(float(runner.step()["motor_torque_command"]["effort"][0]))
+        look(runner)
         coulomb.append(float(runner.torque.state.coulomb_torque[0]))
     assert not runner.world.seam.stopped
     return np.array(commands), np.array(coulomb), runner
@@ -71,14 +72,24 @@ def test_the_new_values_are_reached_after_the_ramp():
     np.testing.assert_array_equal(runner.torque.params.kinematic_sine[0], [0.0, 2.909e-4, 0.0, 3.14456e-5])
 
 
-def test_a_gain_acts_at_the_next_tick_also_during_a_ramp():
+def test_f21_a_gain_ramps_over_a_tenth_of_a_second_also_during_a_ramp_of_the_model():
     def both(runner):
         adopt("torque_node", **BETTER["torque_node"])(runner)
         adopt("torque_node", **BETTER["torque_node"], motor_velocity_gain=[400.0])(runner)
 
-    _, _, runner = run(both, ticks=CHANGE + 1)
-    assert runner.torque.params.motor_velocity_gain[0] == 400.0
-    assert 0.0 < runner.torque.params.kinematic_sine[0][1] < 0.01 * 2.909e-4
+    gains = []
+    _, _, runner = run(both, CHANGE + 120, lambda runner: gains.append(runner.torque.params.motor_velocity_gain[0]))
+    np.testing.assert_allclose(gains[CHANGE : CHANGE + 100], np.linspace(499.0, 400.0, 100), rtol=1e-12)
+    assert gains[CHANGE - 1] == 500.0 and set(gains[CHANGE + 100 :]) == {400.0}
+    assert 0.2 * 2.909e-4 < runner.torque.params.kinematic_sine[0][1] < 0.3 * 2.909e-4
+
+
+def test_f21_the_torque_takes_no_step_when_a_gain_is_doubled():
+    plain, _, _ = run(lambda runner: None, CHANGE + 150)
+    changed, _, _ = run(adopt("torque_node", motor_velocity_gain=[1000.0]), CHANGE + 150)
+    difference = np.abs(changed - plain)[CHANGE:]
+    assert difference.max() > 1.0, "the change is worth something"
+    assert 0.0 < difference[0] < 0.05 * difference.max()
 
 
 def test_a_restart_goes_on_with_the_estimates_and_ramps_what_changed_meanwhile():
