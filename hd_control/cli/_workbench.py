@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import ctypes
 import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 
 Result = TypeVar("Result")
 PARTLY_READ = 3
+_PR_SET_PDEATHSIG = 1
 _JOB: Callable[[str], Any] | None = None
 
 
@@ -93,7 +95,9 @@ def _side_by_side(joints: Sequence[str], work: Callable[[str], Result], workers:
 
 
 def _ignore_interrupt() -> None:
+    """A worker: Ctrl-C is its parent's, and it does not outlive the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _call(joint: str) -> Any:
