@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -143,11 +143,18 @@ class _Telling:
         """Compare and diagnose. They know the recordings and the data sheet."""
         model = ["--model", self.story.model]
         self.outcome.compare = self.commands.run(["compare", BEFORE, *model], "compare.json")
+        self._notes(self.outcome.compare)
         for joint, found in self.outcome.compare["joints"].items():
             self.say(f"  {joint}: {_worst(found['channels'])}")
         self.outcome.diagnosis = self.commands.run(["diagnose", EXCITATION, *model], DIAGNOSIS)
+        self._notes(self.outcome.diagnosis)
         for joint, found in self.outcome.diagnosis["joints"].items():
             self.say(f"  {joint}: {_answer(found)}")
+
+    def _notes(self, answer: Mapping[str, Any]) -> None:
+        """What is wrong with a recording, each remark once."""
+        for note in dict.fromkeys(note for found in answer["joints"].values() for note in found["notes"]):
+            self.say(f"  ! {note}")
 
     def _add(self) -> bool:
         """The ladder of every joint in whose model something is missing. False if there is none."""
