@@ -24,16 +24,11 @@ pytestmark = pytest.mark.process
 
 
 def short_story(effect: str) -> StoryPlan:
-    """One joint, 14 s of excitation, a goal of 7 s."""
+    """One joint, 19 s of excitation, the goal of the demo."""
     story = make_story(2, "single_joint", effect)
-    limit = np.array([2.0])
-
-    def plan(name: str, build: Any) -> Any:
-        start, names = story.visible.start_position, story.visible.robot.joint_names
-        return make_plan(Scenario(name, "", "", build), names, start, limit, story.visible.period, 2)
-
-    excitation = plan("excitation", lambda c: motions.excitation(c.start, c.velocity_limit, c.random, 14.0))
-    return replace(story, excitation=excitation, goal=plan("goal", lambda c: motions.there_and_back(c.start, 0.2, 0.3)))
+    scenario = Scenario("excitation", "", "", lambda c: motions.excitation(c.start, c.velocity_limit, c.random, 19.0))
+    start, names = story.visible.start_position, story.visible.robot.joint_names
+    return replace(story, excitation=make_plan(scenario, names, start, np.array([2.0]), story.visible.period, 2))
 
 
 def test_the_hidden_effect_is_named_added_and_tracking_halves(tmp_path: Path, monkeypatch: Any) -> None:
