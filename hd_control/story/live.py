@@ -1,7 +1,7 @@
 """The robot of a story on live nodes: motion in phases, each recorded in a bag of its own.
 
 Between two phases all nodes are inactive and the brakes hold, so that the computer may think. Every phase begins the
-same way: nodes activated, a second of rest, then the motion; so phases can be compared.
+same way: nodes activated, a second of rest, then the motion. Adapted estimates survive from phase to phase.
 """
 
 from __future__ import annotations

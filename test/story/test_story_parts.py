@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shutil
 import socket
+import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,7 +17,7 @@ import pytest
 from hd_control.analysis.tracking import Tracking
 from hd_control.cli.main import main
 from hd_control.core.errors import ConfigError, HdError
-from hd_control.story import guards
+from hd_control.story import commands, guards
 from hd_control.story import tell as telling
 from hd_control.story.live import Phase
 from hd_control.story.outcome import Outcome, table
@@ -29,7 +31,7 @@ from hd_sim.truth import open_seal
 def test_a_seed_draws_effect_and_joint_and_other_seeds_draw_others() -> None:
     stories = [make_story(seed) for seed in range(12)]
     assert make_story(3).hidden == stories[3].hidden
-    assert len({story.hidden.name for story in stories}) >= 3 and len({s.hidden.joint for s in stories}) >= 3
+    assert len({story.hidden.name for story in stories}) >= 3 and len({s.hidden.joint for s in stories}) == 2
 
 
 def test_the_goal_comes_back_to_where_it_began() -> None:
@@ -114,6 +116,43 @@ def test_an_interruption_names_what_is_kept(tmp_path: Path, monkeypatch: Any) ->
     monkeypatch.setattr(telling, "_with_fallback", stopped)
     with pytest.raises(KeyboardInterrupt, match=r"kept in .*demo: excitation$"):
         telling.tell(make_story(0), tmp_path / "demo", telling.TellOptions(), print)
+
+
+def test_ctrl_c_in_a_command_ends_its_workers_too(tmp_path: Path, monkeypatch: Any) -> None:
+    script = tmp_path / "python"
+    script.write_text("#!/bin/sh\nsleep 61.7301 &\ntouch started\nsleep 61.7301\n")
+    script.chmod(0o755)
+    monkeypatch.setattr(commands.sys, "executable", str(script))
+    pause = time.sleep
+
+    def interrupted(seconds: float) -> None:
+        pause(seconds)
+        if (tmp_path / "started").exists():
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(commands.time, "sleep", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        commands.Commands(tmp_path, lambda _: None).run(["ladder"], "ladder.json")
+    monkeypatch.undo()
+    end = time.monotonic() + 10.0
+    while sleepers() and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not sleepers()
+
+
+def sleepers() -> list[str]:
+    """Processes of the script that still run."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        with contextlib.suppress(OSError):
+            text = path.read_text()
+            found += [text] if "61.7301" in text else []
+    return found
+
+
+def test_a_command_that_fails_says_its_own_line(tmp_path: Path) -> None:
+    with pytest.raises(HdError, match=r"hd info nothing: .*nothing"):
+        commands.Commands(tmp_path, lambda _: None).run(["info", "nothing"], "info.json")
 
 
 # What it says --------------------------------------------------------------------------------------------------------
