@@ -100,7 +100,7 @@ class _Telling:
     def __init__(self, story: StoryPlan, folder: Path, options: TellOptions, lockstep: bool, say: Tell) -> None:
         self.story, self.folder, self.options, self.say = story, folder, options, say
         self.domain = free_domain(options.domain)
-        self.commands = Commands(folder, lambda text: say(f"$ {text}"), self.domain)
+        self.commands = Commands(folder, lambda text: say(f"$ {text}"), self.domain, gently=not lockstep)
         nodes = ("chain",) if lockstep and options.one_process else FOUR
         self.robot = LiveRobot(story, folder, lockstep, self.domain, nodes)
         self.outcome = Outcome(str(folder), "lockstep" if lockstep else "wall")
