@@ -121,11 +121,11 @@ def quantity(value: float, unit: str) -> str:
 
 def table(outcome: Outcome) -> list[str]:
     """The result as text: what was hidden and named, model errors, tracking errors, and what to think of them."""
-    lines = ["", "hidden (seal opened last)      diagnosed before"]
+    lines = ["", f"{'hidden (seal opened last)':<36}diagnosed before"]
     named = [f"{d['joint']} {d['name']}" + _sure(d) for d in outcome.diagnosed] or ["nothing"]
     hidden = [f"{h['joint']} {h['name']}" for h in outcome.hidden] or [""]
     for i in range(max(len(named), len(hidden))):
-        lines.append(f"{hidden[i] if i < len(hidden) else '':<31}{named[i] if i < len(named) else ''}")
+        lines.append(f"{hidden[i] if i < len(hidden) else '':<36}{named[i] if i < len(named) else ''}")
     lines += [f"  {text}" for text in _values(outcome)]
     lines.append("the diagnosis is right" if outcome.right else "the diagnosis is WRONG: " + _wrong(outcome))
     for joint in outcome.ladder.get("joints", {}):
