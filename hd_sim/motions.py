@@ -58,6 +58,17 @@ def coordinated_moves(start: FloatArray, distance: float, peak_velocity: float) 
     return _knots(times, points, clock, (clock - time - hold, clock))
 
 
+def there_and_back(start: FloatArray, distance: float, peak_velocity: float) -> Motion:
+    """All joints +D, -D and back to the start (rest-to-rest quintics), 1 s hold first, 0.3 s after each move."""
+    times, points, clock, hold = [1.0], [start], 1.0, 0.3
+    for target, travel in ((start + distance, 1.0), (start - distance, 2.0), (start, 1.0)):
+        time = QUINTIC_PEAK * travel * distance / peak_velocity
+        times += [clock + time, clock + time + hold]
+        points += [target, target]
+        clock += time + hold
+    return _knots(times, points, clock, (1.0, clock))
+
+
 def constant_speed(start: FloatArray, speed: float, duration: float) -> Motion:
     """2 s hold, 1 s blend to `speed` rad/s, cruise, 1 s blend to rest; errors from 5 s to 4 s before the end."""
     cruise = duration - 4.0

@@ -1,6 +1,7 @@
 """Configuration of the world: a robot description, the drives of its joints, tick and scheme, from strict YAML.
 
-A plant file names the robot, the tick, and a drive type for every joint; a drives file holds the types. Nothing is
+A plant file names the robot, the tick, and a drive type for every joint, and may replace settings of all of them (key
+`settings`); a drives file holds the types. Nothing is
 assumed silently: required settings are in the file, everything else is neutral, unknown keys are refused.
 """
 
@@ -71,7 +72,7 @@ class PlantConfig:
         """Reads a user's plant file, or a shipped one by name (`arm_a`). Raises ConfigError with file and key."""
         name = name_or_path if name_or_path.endswith((".yaml", ".yml")) else f"{name_or_path}.yaml"
         path = find_config(name, "plant")
-        table = expect_keys(load_yaml(path), str(path), TOP, ["scheme"])
+        table = expect_keys(load_yaml(path), str(path), TOP, ["scheme", "settings"])
         robot = Robot.from_file(_text(table, "robot", path))
         joints = table["joints"]
         if not isinstance(joints, list) or len(joints) != robot.joints:
@@ -85,6 +86,8 @@ class PlantConfig:
                 near = difflib.get_close_matches(str(joint), list(types), 1)
                 hint = f", did you mean {near[0]!r}?" if near else f"; there is {', '.join(types)}"
                 raise ConfigError(f"{path}: joints: unknown drive {joint!r}{hint}")
+        own = _settings(table.get("settings") or {}, f"{path}: settings")
+        types = {name: {**values, **own} for name, values in types.items()}
         return cls(
             robot=robot,
             drives={key: np.array([types[joint][key] for joint in joints], dtype=float) for key in SETTINGS},
@@ -186,6 +189,14 @@ def _read_drives(path: Path) -> dict[str, dict[str, Any]]:
             raise ConfigError(f"{where}: " + "; ".join(problems))
         types[str(name)] = {key: _value(key, given) for key in SETTINGS}
     return types
+
+
+def _settings(table: Any, where: str) -> dict[str, Any]:
+    """Drive settings of a plant file, for all its joints; they win over those of the drive types."""
+    given = expect_keys(table, where, (), list(SETTINGS))
+    if problems := [text for key, value in given.items() for text in SETTINGS[key].problems(value)]:
+        raise ConfigError(f"{where}: " + "; ".join(problems))
+    return {key: _value(key, given) for key in given}
 
 
 def _value(key: str, given: Mapping[str, Any]) -> float | list[float]:

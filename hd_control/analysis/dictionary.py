@@ -166,10 +166,12 @@ def build(
     fixed: Sequence[Candidate] = (),
     noises: Mapping[str, Noise] | None = None,
 ) -> Dictionary:
-    """Filters, whitens and norms everything. `fixed` joins the base: what the model holds already.
+    """Filters, whitens and norms everything. `fixed` joins the base: what the model holds already, as far as it acts on
+    a channel of this recording.
 
     `noises`: reuse these; else they are fitted on the richest model.
     """
+    fixed = [candidate for candidate in fixed if candidate.columns]
     layout = _Layout(equations, candidates, fixed)
     rows: dict[str, Rows] = {}
     for name, channel in equations.channels.items():

@@ -137,8 +137,7 @@ def climb(split: Split, model: Model, joint: str, limit: int = LIMIT) -> JointLa
         except HdError as error:
             return JointLadder(joint, tuple(rungs), str(error), diagnosis, channel)
         rung = _rung(judges, effect.name, _with(current, joint, fitted), joint, fitted)
-        if rung.held_out[effect.channel] > ROSE * rungs[-1].held_out[effect.channel]:
-            reason = f"{effect.name} raised the held-out error of {effect.channel}; it was left out"
+        if reason := _not_better(rung, rungs[-1], effect.channel):
             return JointLadder(joint, tuple(rungs), reason, diagnosis, channel)
         if len(rungs) == 2:
             channel = effect.channel
@@ -153,6 +152,15 @@ def _nothing_to_add(diagnosis: JointDiagnosis) -> str:
         return "the recording cannot tell what else is missing"
     if diagnosis.verdict == UNKNOWN and diagnosis.unknown is not None:
         return f"only something unknown is left: {diagnosis.unknown.evidence}"
+    return ""
+
+
+def _not_better(rung: LadderRung, last: LadderRung, channel: str) -> str:
+    """Why a rung does not stay: its error rose, or the held-out recording does not show the channel."""
+    if channel not in rung.held_out or channel not in last.held_out:
+        return f"the held-out recording does not show {channel}, so {rung.effect} cannot be judged; record a longer one"
+    if rung.held_out[channel] > ROSE * last.held_out[channel]:
+        return f"{rung.effect} raised the held-out error of {channel}; it was left out"
     return ""
 
 

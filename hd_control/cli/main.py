@@ -147,8 +147,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except HdError as error:
         print(f"hd: {_one_line(error)}", file=sys.stderr)
         return error.exit_code
-    except KeyboardInterrupt:
-        print("hd: interrupted", file=sys.stderr)
+    except KeyboardInterrupt as error:
+        print(f"hd: interrupted{f'; {_one_line(error)}' if str(error) else ''}", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
         # The reader has seen enough. Python would complain once more when it closes the stream at exit.

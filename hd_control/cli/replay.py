@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 NAME = "replay"
 HELP = "recorded sensors through the chain again: what changed, what would have been commanded"
 EXAMPLE = """hd replay bags/run1
-  hd replay bags/run1 --set torque_node.rate_source=plain -o bags/run1_plain
+  hd replay bags/run1 --set torque_node.rate_source=plain -o bags/run1_plain --html plain.html
   hd replay bags/run1 --live --stepped"""
 SCHEMA = "hd.replay/1"
 DIFFERS, PARTLY_READ = 1, 3
@@ -32,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--recorded-inputs", action="store_true", help="each stage gets the recorded inputs: where does it differ first"
     )
     parser.add_argument("-o", "--output", metavar="BAG", help="write the outputs of the replay as a bag")
+    parser.add_argument("--html", metavar="FILE", help="a page with every output that differs beside the recorded one")
     parser.add_argument("--live", action="store_true", help="publish the sensor topics instead, in real time")
     parser.add_argument("--rate", metavar="X", type=float, default=1.0, help="speed of --live [1]")
     parser.add_argument(
@@ -50,8 +51,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     if arguments.live:
         return _live(arguments)
-    if arguments.output:
-        refuse_overwrite(arguments.output, arguments.force)
+    for target in filter(None, (arguments.output, arguments.html)):
+        refuse_overwrite(target, arguments.force)
     bag = read_replay_bag(arguments.bag, Robot.from_file(arguments.robot) if arguments.robot else None)
     values, changed = chosen_values(arguments, bag)
     progress = Progress(arguments, bag.ticks.size, "replay")
@@ -65,6 +66,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.output:
         _write(arguments, bag, made, values)
         say(arguments, f"written: {arguments.output}")
+    if arguments.html:
+        _page(arguments, bag, made, found, changed)
+        say(arguments, f"page: {arguments.html}")
     write_json(arguments, as_json(bag, made, found, changed))
     if not bag.whole:
         return PARTLY_READ
@@ -162,6 +166,29 @@ def _write(arguments: argparse.Namespace, bag: ReplayBag, made: Replayed, values
             writer.write_columns(topic, codec, stamps, frame_id=run_id, **table)
         for topic, stamp_ns, payload in bag.events:
             writer.write(topic, stamp_ns, stamp_ns, payload)
+
+
+def _page(
+    arguments: argparse.Namespace, bag: ReplayBag, made: Replayed, found: list[Difference], changed: dict[str, Any]
+) -> None:
+    """The outputs that differ, replayed beside recorded, as one self-contained page."""
+    from html import escape
+
+    from hd_control.analysis.figures_replay import UNITS, replay_figure
+    from hd_control.analysis.report import html_page
+    from hd_control.analysis.report_html import Figures, card, paragraph
+    from hd_control.record.whole_output import whole_file
+
+    figures, time = Figures(), (bag.ticks - bag.ticks[0]) * bag.period
+    pieces = [card(f"<pre>{escape(chr(10).join(lines(bag, made, found, changed)))}</pre>")]
+    for one in [one for one in found if one.first_tick is not None]:
+        recorded, new = bag.topics[one.topic][one.field], made.outputs[one.topic][one.field]
+        title = f"{one.topic} {one.field}: largest difference {one.largest:.3g} {UNITS[one.field]} on {one.joint}"
+        figure = replay_figure(title, UNITS[one.field], time, recorded, new, bag.robot.joint_names)
+        pieces.append(card(figures.place(figure)))
+    head = paragraph(f"Recording: {bag.path}", "meta")
+    with whole_file(arguments.html) as place:
+        place.write_text(html_page("hd replay", head, "", "".join(pieces), figures), encoding="utf-8")
 
 
 def _live(arguments: argparse.Namespace) -> int:

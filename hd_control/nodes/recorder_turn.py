@@ -59,7 +59,8 @@ class RecorderTurn:
     ) -> None:
         self._loop, self._topics, self._half, self._dt_ns, self._tell = loop, tuple(topics), dt_ns // 2, dt_ns, tell
         self.recorder: Recorder | None = None
-        self._told = self._newest_ns = -1
+        self._told = -1
+        self._newest_ns = {topic.path: -1 for topic in self._topics if topic.name in NEEDED}
         self._announce_at: int | None = None
         self._announced = False
 
@@ -85,16 +86,16 @@ class RecorderTurn:
                     recorder.offer(topic.path, time.time_ns(), taken[0])
                     if topic.chain:
                         taken_count += 1
-                        self._note(taken[0])
+                        self._note(topic.path, taken[0])
         if recorder is None:
             return taken_count
         now = time.monotonic_ns()
         recorder.tend(now)
         if not self._announced:
             self._announce(now)
-        elif self._newest_ns > self._told:
-            self._told = self._newest_ns
-            self._tell((self._newest_ns + self._half) // self._dt_ns)
+        elif (slowest := min(self._newest_ns.values())) > self._told:
+            self._told = slowest
+            self._tell((slowest + self._half) // self._dt_ns)
         return taken_count
 
     def _announce(self, now: int) -> None:
@@ -108,6 +109,7 @@ class RecorderTurn:
             self._announced = True
             self._tell(0)
 
-    def _note(self, data: bytes) -> None:
+    def _note(self, path: str, data: bytes) -> None:
+        """The newest stamp of each topic. What is told is the slowest: a topic ahead says nothing of the others."""
         seconds, nanoseconds = int.from_bytes(data[4:8], "little"), int.from_bytes(data[8:12], "little")
-        self._newest_ns = max(self._newest_ns, seconds * 1_000_000_000 + nanoseconds)
+        self._newest_ns[path] = max(self._newest_ns.get(path, -1), seconds * 1_000_000_000 + nanoseconds)

@@ -134,3 +134,12 @@ def test_without_motor_torque_the_other_channels_still_answer() -> None:
     found = diagnose_joint(Recording("", "", {joint: signals}), model, joint)
     assert set(found.channels) == {"transmission", "link_torque"}
     assert [effect.name for effect in found.effects] == ["kinematic_error"]
+
+
+def test_a_held_out_run_without_the_channel_of_the_effect_says_so() -> None:
+    """The model has an effect of the motor side then; a recording without motor torque must still be compared."""
+    split, model, joint = opened(hidden("asymmetric_friction", 1.0))
+    blind = replace(split.held_out.joints[joint], motor_torque=None)
+    ladder = climb(Split(split.train, replace(split.held_out, joints={joint: blind})), model, joint)
+    assert [rung.effect for rung in ladder.rungs[2:]] == []
+    assert "does not show motor_torque, so asymmetric_friction cannot be judged" in ladder.stopped_because

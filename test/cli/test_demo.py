@@ -1,4 +1,4 @@
-"""`hd demo` on live processes in lock-step: the robot tracks, the recording is whole and opens in other readers."""
+"""`hd demo --track-only` on live processes in lock-step: the robot tracks, the recording is whole."""
 
 import json
 from pathlib import Path
@@ -13,7 +13,7 @@ from hd_control.record.reader import BagReader
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
     folder = tmp_path_factory.mktemp("demo")
-    words = ["demo", "--lockstep", "--per-joint", "-o", folder / "bag", "--json", folder / "demo.json"]
+    words = ["demo", "--track-only", "--lockstep", "--per-joint", "-o", folder / "bag", "--json", folder / "demo.json"]
     code = main([str(word) for word in words])
     return code, folder / "bag", json.loads((folder / "demo.json").read_text())
 
@@ -55,7 +55,7 @@ def test_the_picture_needs_no_network(demo):
 
 
 def test_an_existing_recording_is_refused_before_anything_starts(demo, capsys):
-    assert main(["demo", "-o", str(demo[1])]) == 2
+    assert main(["demo", "--track-only", "-o", str(demo[1])]) == 2
     assert "exists already" in capsys.readouterr().err
 
 

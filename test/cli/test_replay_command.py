@@ -29,6 +29,11 @@ def test_what_would_have_been_commanded_is_written_and_replays(tmp_path, capsys)
     code, said = answer(tmp_path, GOLDEN, "--set", "torque_node.torque_gain=[0.1]", "-o", new)
     assert code == 0 and said["schema"] == "hd.replay/1" and said["changed"] == {"torque_node": {"torque_gain": [0.1]}}
     assert not said["identical"] and "what would have been commanded differs" in capsys.readouterr().out
+    page = tmp_path / "page.html"
+    assert answer(tmp_path, GOLDEN, "--set", "torque_node.torque_gain=[0.1]", "--html", page)[0] == 0
+    text = page.read_text(encoding="utf-8")
+    assert "motor_torque_command effort: largest difference" in text and 'src="http' not in text
+    assert "joint_states position: largest" not in text and main(["replay", str(GOLDEN), "--html", str(page)]) == 2
     code, said = answer(tmp_path, new)
     assert code == 0 and said["identical"] and said["changed"] == {}
 

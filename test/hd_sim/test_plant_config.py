@@ -79,3 +79,17 @@ def test_settings_can_be_replaced_and_misspelt_ones_are_refused():
     assert config.drives["friction_law"].tolist() == [1.0] * 7
     with pytest.raises(ConfigError, match="did you mean 'gauge_noise'"):
         config.with_settings(gauge_nois=0.0)
+
+
+def test_a_plant_file_replaces_settings_of_all_its_joints(files):
+    """The key `settings` wins over the drive types; a wrong name or value is refused with the file."""
+    path = files("arm_a.yaml", "period:", "settings: {resolver_bits: 20}\nperiod:")
+    found, plain = PlantConfig.from_file(path), PlantConfig.from_file("arm_a")
+    assert set(found.drives["resolver_bits"]) == {20.0}
+    np.testing.assert_array_equal(found.drives["coulomb_torque"], plain.drives["coulomb_torque"])
+    for old, new, words in (
+        ("resolver_bits: 20", "resolver_bit: 20", "resolver_bits"),
+        ("resolver_bit: 20", "resolver_bits: -3", "arm_a.yaml: settings: resolver_bits"),
+    ):
+        with pytest.raises(ConfigError, match=words):
+            PlantConfig.from_file(files("arm_a.yaml", old, new))
