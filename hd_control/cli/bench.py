@@ -8,12 +8,14 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from hd_control.bench.growth import Point
     from hd_control.bench.measure import Result
 
 NAME = "bench"
 HELP = "speed of every hot path, beside peers"
-EXAMPLE = "hd bench --only plant laws --runs 20"
-GROUPS = ("plant", "laws", "runner", "records", "start", "lockstep", "ring")
+EXAMPLE = """hd bench --only plant laws --runs 20
+  hd bench --growth --png pictures --json bench.json"""
+GROUPS = ("plant", "laws", "runner", "records", "replay", "start", "workbench", "lockstep", "ring")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,6 +23,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--only", nargs="+", choices=GROUPS, default=list(GROUPS), help="groups to run [all]")
     parser.add_argument("--runs", type=int, default=15, help="runs of each short measurement [15]")
     parser.add_argument("--seconds", type=float, default=10.0, help="length of each live run [10]")
+    parser.add_argument("--growth", action="store_true", help="also over joints, rate and length of a bag; minutes")
+    parser.add_argument("--png", metavar="DIR", help="with --growth: the curves as a picture; needs a browser")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -41,13 +45,36 @@ def run(arguments: argparse.Namespace) -> int:
             say(arguments, line)
     for note in notes:
         say(arguments, f"note: {note}")
-    document = {"schema": "hd.bench/1", "machine": about, "results": [row.as_json() for row in results], "notes": notes}
+    points = _growth(arguments)
+    document = {"schema": "hd.bench/1", "machine": about, "results": [row.as_json() for row in results]}
+    document |= {"growth": [point.as_json() for point in points], "notes": notes}
     write_json(arguments, document)
     return 0
 
 
+def _growth(arguments: argparse.Namespace) -> list[Point]:
+    """The curves, if they were asked for, and their picture."""
+    if not arguments.growth:
+        return []
+    from hd_control.bench.growth import growth_points
+    from hd_control.cli.options import say
+
+    found = []
+    for point in growth_points(arguments.seconds):
+        found.append(point)
+        say(arguments, f"{point.name:26}{point.size:>10g} {point.axis:<9}{point.value:>12.4g}  {point.unit}")
+    if arguments.png:
+        from hd_control.analysis.pictures import write_figures
+        from hd_control.bench.growth_figure import growth_figure
+
+        picture = growth_figure([point.as_json() for point in found])
+        for path in write_figures(arguments.png, {"bench_growth": picture}, arguments.force):
+            say(arguments, f"written: {path}")
+    return found
+
+
 def _measure(arguments: argparse.Namespace) -> Iterator[tuple[list[Result], list[str]]]:
-    from hd_control.bench import graph, laws, records, world
+    from hd_control.bench import commands, graph, laws, records, replays, world
 
     runs = arguments.runs
     few = max(1, runs // 5)
@@ -56,6 +83,8 @@ def _measure(arguments: argparse.Namespace) -> Iterator[tuple[list[Result], list
         "laws": lambda: (laws.law_rows(runs), []),
         "runner": lambda: (laws.lockstep_row(few), []),
         "records": lambda: (records.decode_rows(few), []),
+        "replay": lambda: (replays.replay_rows(few), []),
+        "workbench": lambda: (commands.workbench_rows(few), []),
         "start": lambda: (graph.start_rows(runs), []),
         "lockstep": lambda: (graph.lockstep_rows(few), []),
         "ring": lambda: (graph.ring_rows(few, arguments.seconds), []),

@@ -174,7 +174,7 @@ class Shell(LifecycleNode):
         values = {"run_id": self.run_id, "active": self.active, **values, "parameter_changes": self.desk.changes}
         values |= {"parameter_refusals": self.desk.refusals, "last_refusal": self.desk.last_refusal}
         status = DiagnosticStatus(
-            level=level, name=self.get_fully_qualified_name(), message=message, hardware_id="hd_control"
+            level=level, name=self.get_fully_qualified_name(), message=message or "running", hardware_id=self.robot.name
         )
         status.values = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
         array = DiagnosticArray(status=[status])

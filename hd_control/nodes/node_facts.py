@@ -55,7 +55,9 @@ def node_facts() -> list[NodeFacts]:
     for name, path in MAKERS.items():
         module, _, kind = path.rpartition(".")
         with _alone(name) as arguments:
-            rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO, domain_id=1 + secrets.randbelow(100))
+            rclpy.init(
+                args=arguments, signal_handler_options=SignalHandlerOptions.NO, domain_id=1 + secrets.randbelow(100)
+            )
             try:
                 node = getattr(importlib.import_module(module), kind)()
                 node.trigger_configure()
@@ -98,7 +100,9 @@ def _interfaces(found: Any, node: str, latched: Any) -> Iterator[Interface]:
         if topic in STANDARD_TOPICS or types[0].startswith(("rcl_interfaces/", "lifecycle_msgs/", "type_description")):
             continue
         own = topic.removeprefix("/")
-        shown = f"~/{own.removeprefix(node + '/')}" if own.startswith(f"{node}/") else topic if topic == "/clock" else own
+        shown = (
+            f"~/{own.removeprefix(node + '/')}" if own.startswith(f"{node}/") else topic if topic == "/clock" else own
+        )
         yield Interface(shown, types[0], latched(topic))
 
 

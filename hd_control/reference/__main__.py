@@ -1,4 +1,4 @@
-"""`python -m hd_control.reference [FOLDER]`: writes the generated pages, into `docs/reference` unless told otherwise."""
+"""`python -m hd_control.reference [FOLDER]`: writes the generated pages, by default into `docs/reference`."""
 
 from __future__ import annotations
 

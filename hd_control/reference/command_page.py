@@ -12,11 +12,13 @@ from hd_control.reference.markdown import code, page, table
 def command_page() -> str:
     """The page."""
     intro = [
-        "Exit codes: 0 done; 1 the answer is \"no\" or a check failed; 2 bad usage or bad input; 3 partly read; 70 a defect of this",
-        "program; 130 interrupted. Every command has `--help`, `--json FILE`, `--force` and `--quiet`; they are not repeated below.",
+        'Exit codes: 0 done; 1 the answer is "no" or a check failed; 2 bad usage or bad input; 3 partly read; 70 a',
+        "defect of this program; 130 interrupted. Every command has `--help`, `--json FILE`, `--force` and",
+        "`--quiet`; they are not repeated below.",
     ]
     names = main.command_names()
-    overview = table(["command", "does"], ([f"[`hd {name}`](#hd-{name})", main.load_command(name).HELP] for name in names))
+    rows = ([f"[`hd {name}`](#hd-{name})", main.load_command(name).HELP] for name in names)
+    overview = table(["command", "does"], rows)
     sections = [section for name in names for section in _command(name)]
     return page("Commands", "the parsers of `hd`", intro, overview, *sections)
 

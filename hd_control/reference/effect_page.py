@@ -17,12 +17,14 @@ def effect_page() -> str:
     """The page; effects of other packages are left out."""
     shipped = [effect for effect in library().values() if effect.__module__.startswith("hd_control.")]
     intro = [
-        "Each effect is one file in `hd_control/drive/effects`. Values belong to the joint side of the gear. Model files: [model.md](../model.md);",
-        "how a diagnosis finds an effect: [diagnosis.md](../diagnosis.md); an effect of your own: [tutorial](../tutorials/write_an_effect.md).",
+        "Each effect is one file in `hd_control/drive/effects`. Values belong to the joint side of the gear. Model",
+        "files: [model.md](../model.md); how a diagnosis finds an effect: [diagnosis.md](../diagnosis.md); an effect",
+        "of your own: [tutorial](../tutorials/write_an_effect.md).",
     ]
     rows = ([f"[`{e.name}`](#{e.name})", e.title, "yes" if e.in_every_model else ""] for e in shipped)
     overview = table(["effect", "what it is", "in every model"], rows)
-    return page("Effects", "the effect library", intro, overview, *(block for effect in shipped for block in _effect(effect)))
+    sections = (block for effect in shipped for block in _effect(effect))
+    return page("Effects", "the effect library", intro, overview, *sections)
 
 
 def _effect(effect: type[Effect]) -> Iterator[list[str]]:

@@ -32,8 +32,9 @@ OUTPUTS: dict[str, Layout] = {
 def glossary_page() -> str:
     """The page."""
     intro = [
-        "Angles are in rad and torques in N m, on the joint side of the gear unless the name says `motor_shaft`: angles of the motor are",
-        "divided by the gear ratio, torques multiplied by it. Symbols are those of the papers. SI units throughout.",
+        "Angles are in rad and torques in N m, on the joint side of the gear unless the name says `motor_shaft`:",
+        "angles of the motor are divided by the gear ratio, torques multiplied by it. Symbols are those of the papers.",
+        "SI units throughout.",
     ]
     effects = (effect for effect in library().values() if effect.__module__.startswith("hd_control."))
     return page(

@@ -18,16 +18,19 @@ def node_page() -> str:
     """The page."""
     nodes = node_facts()
     intro = [
-        "Topic names are relative: a namespace or a remap moves them. `~` is the node's own name. Topics marked *latched* are transient local.",
-        "*Live* parameters change at any time, *INACTIVE* ones only while the node is not active, *fixed* ones only at its start. Values are",
-        "those of the shipped files in `config/`; a list holds one value per joint of arm A, shown short where all are equal. Every node is a",
-        "lifecycle node with the standard services, has the parameter services, and publishes `diagnostics` once a second.",
+        "Topic names are relative: a namespace or a remap moves them. `~` is the node's own name. Topics marked",
+        "*latched* are transient local. *Live* parameters change at any time, *INACTIVE* ones while the node is not active,",
+        "*fixed* ones only at its start. Values are those of the shipped files in `config/`; a list holds one",
+        "value per joint of arm A, shown short where all are equal. Every node is a lifecycle node with the standard",
+        "services, has the parameter services, and publishes `diagnostics` once a second.",
     ]
     common = [
         ["## Parameters of every node"],
         _parameters([(p, _shared(nodes, p.name)) for p in COMMON.parameters]),
     ]
-    return page("Nodes", "the nodes of this package", intro, *common, *(block for node in nodes for block in _node(node)))
+    return page(
+        "Nodes", "the nodes of this package", intro, *common, *(block for node in nodes for block in _node(node))
+    )
 
 
 def _shared(nodes: Sequence[NodeFacts], name: str) -> Any:
@@ -42,13 +45,17 @@ def _node(node: NodeFacts) -> Iterator[list[str]]:
     yield [about[:1].upper() + about[1:]]
     if node.name == "chain":
         heads = tuple(f"{part}." for part in CHAIN_PARTS)
-        yield ["Parameters of the laws are those of their own nodes with a prefix: " + ", ".join(f"`{h}`" for h in heads) + "."]
+        yield [f"Parameters of the laws are those of their own nodes with a prefix: {', '.join(map(code, heads))}."]
         own = [(p, value) for p, value in node.parameters if not p.name.startswith(heads)]
     else:
         own = list(node.parameters)
     own = [(p, value) for p, value in own if p.name not in COMMON.names]
     yield table(["topic", "direction", "type", "carries"], _topics(node))
     yield table(["service", "type"], ([code(one.name), code(one.type_name)] for one in node.services))
+    if node.name in ("motion_node", "chain"):
+        yield [
+            "Action `follow_joint_trajectory` (`control_msgs/action/FollowJointTrajectory`), where it can be imported."
+        ]
     yield _parameters(own)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from hd_control.reference.bench_page import bench_page
 from hd_control.reference.command_page import command_page
 from hd_control.reference.effect_page import effect_page
 from hd_control.reference.glossary_page import glossary_page
@@ -21,4 +22,5 @@ PAGES: dict[str, Callable[[], str]] = {
     "nodes.md": _nodes,
     "effects.md": effect_page,
     "glossary.md": glossary_page,
+    "bench.md": bench_page,
 }

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 TERMS: dict[str, str] = {
     "bag": "A recording: a folder with metadata.yaml and MCAP files, a bare .mcap file or a .db3 file.",
-    "balance, channel": "One of the three equations of a joint: motor_torque (rotor), transmission (torsion), link_torque (link). "
-    "What the model leaves of it is the residual of that channel.",
-    "chain": "Fusion, motion and torque law with gate, one after the other; also the node that runs them in one thread.",
+    "balance, channel": "One of the three equations of a joint: motor_torque (rotor), transmission (torsion), "
+    "link_torque (link). What the model leaves of it is the residual of that channel.",
+    "chain": "Fusion, motion and torque law with gate, one after the other; also the node that runs them in one "
+    "thread.",
     "effect": "One physical cause with its parameters, such as backlash. A model is a list of effects.",
     "flexspline torque": "The torque that the gear's flexible ring carries, measured by a gauge bridge on it.",
     "gate, guard": "The gate is the last limit before the command; the guard around it decides when to stop.",
@@ -20,7 +21,8 @@ TERMS: dict[str, str] = {
     "presliding": "Elastic motion of a friction contact before it slips.",
     "residual": "Measurement minus model in one channel.",
     "rotor": "Motor shaft with wave generator.",
-    "sealed truth": "The hidden effects of a simulated drive, in a file that is opened only after the diagnosis is written.",
+    "sealed truth": "The hidden effects of a simulated drive, in a file that is opened only after the diagnosis is "
+    "written.",
     "stage": "A law at its place between topics, without ROS.",
     "tick": "The number k of a control period; time is k times the period and travels in header.stamp.",
     "torsion": "Joint angle minus motor angle divided by the gear ratio: wind-up of the gear.",

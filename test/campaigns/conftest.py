@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-for folder in (HERE.parent, HERE.parent / "hd_sim", HERE.parent / "sabotage", HERE):
+for folder in (HERE.parent, HERE.parent / "hd_sim", HERE.parent / "sabotage", HERE.parent / "docs", HERE):
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
+import re
 from pathlib import Path
 
 import pytest
-from command_blocks import KINDS, ROOT, Command, commands, inline_commands, pages
-from command_words import problems, split
-
-from hd_control.cli.main import main
+from command_blocks import KINDS, ROOT, blocks, commands, inline_commands, pages
+from command_words import problems
+from page_runs import run_page
 
 PAGES = pages()
 WITH_RUNS = [page for page in PAGES if any(command.kind == "" for command in commands(page))]
@@ -25,22 +23,7 @@ def name_of(page: Path) -> str:
 def test_the_commands_of_a_page_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bags").mkdir()
-    for command in commands(page):
-        if command.kind == "":
-            run(command)
-
-
-def run(command: Command) -> None:
-    """One command line of `hd` in this process, in the present folder; others are refused."""
-    words = split(command.text)
-    assert words[0] in ("hd", "./hd"), f"{command}: only hd runs in a test; mark the block"
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = main(words[1:])
-    assert code == command.code, f"{command}\nexit code {code}\n{out.getvalue()[-2000:]}{err.getvalue()[-2000:]}"
-    target = command.text.split("#")[0].partition(" > ")[2].strip()
-    if target:
-        Path(target).write_text(out.getvalue())
+    assert run_page(page, {""}) > 0
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
@@ -62,7 +45,7 @@ def test_the_commands_in_the_text_exist(page: Path) -> None:
 def test_most_pages_of_the_workbench_run() -> None:
     """A page whose blocks are all marked would pass by saying nothing."""
     found = {name_of(page) for page in WITH_RUNS}
-    assert found >= {"README.md", "docs/bags.md", "docs/diagnosis.md", "docs/tutorials/first_bag.md"}
+    assert found >= {"README.md", "docs/bags.md", "docs/signals.md", "docs/tutorials/first_bag.md"}
     assert {command.kind for page in PAGES for command in commands(page)} == set(KINDS)
 
 
@@ -83,3 +66,14 @@ def test_most_pages_of_the_workbench_run() -> None:
 )
 def test_the_check_finds(text: str, what: str) -> None:
     assert any(what in problem for problem in problems(text)), problems(text)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_no_command_hides_in_another_block(page: Path) -> None:
+    found = [
+        f"{name_of(page)}:{number}: {line}"
+        for number, language, _, lines in blocks(page)
+        for line in lines
+        if language != "sh" and re.match(r"(\./hd|hd|ros2|pip|colcon|apt-get) [a-z]", line)
+    ]
+    assert not found, "say ```sh at the head of the block"
