@@ -18,11 +18,11 @@ def node_page() -> str:
     """The page."""
     nodes = node_facts()
     intro = [
-        "Topic names are relative: a namespace or a remap moves them. `~` is the node's own name. Topics marked",
-        "*latched* are transient local. *Live* parameters change at any time, *INACTIVE* ones while the node is not active,",
-        "*fixed* ones only at its start. Values are those of the shipped files in `config/`; a list holds one",
-        "value per joint of arm A, shown short where all are equal. Every node is a lifecycle node with the standard",
-        "services, has the parameter services, and publishes `diagnostics` once a second.",
+        "Topic names are relative: a namespace or a remap moves them. `~` is the node's own name. *Latched* topics are",
+        "transient local. *Live* parameters change at any time, *INACTIVE* ones while the node is not active, *fixed*",
+        "ones only at its start. Values are those of the shipped files in `config/`; a list holds one value per joint",
+        "of arm A, shown short where all are equal. Every node is a lifecycle node with the standard services, has the",
+        "parameter services, and publishes `diagnostics` once a second.",
     ]
     common = [
         ["## Parameters of every node"],

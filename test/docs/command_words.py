@@ -129,5 +129,7 @@ def node_problems(kind: str, verb: str, rest: list[str]) -> list[str]:
     if kind == "lifecycle":
         return [] if verb in ("get", "list", "nodes") or rest[1] in TRANSITIONS else [f"no transition {rest[1]}"]
     if verb in ("get", "set", "describe"):
-        return [] if f"| `{rest[1]}` |" in section(node) else [f"{node} has no parameter {rest[1]}"]
+        part, _, name = rest[1].rpartition(".")
+        owner = f"{part}_node" if node == "chain" and part else node
+        return [] if f"| `{name}` |" in section(owner) else [f"{node} has no parameter {rest[1]}"]
     return [] if verb in ("list", "dump", "load") else [f"ros2 param has no {verb}"]
