@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from hd_control.bench.commands import make_puzzle, run_hd
 from hd_control.bench.measure import Timed, time_each
 from hd_control.bench.records import TOPIC, bag_of
 from hd_control.bench.replays import replay_cost
+from hd_control.core.errors import HdError
 from hd_control.record.reader import BagReader
 
 JOINTS, RATES, SECONDS = (1, 2, 4, 7), (125, 250, 500, 1000), (7.5, 15.0, 30.0, 60.0)
@@ -36,14 +36,14 @@ class Point:
         return asdict(self)
 
 
-def growth_points(seconds: float) -> Iterator[Point]:
-    """All curves; `seconds` is the length of each live run. Takes minutes."""
+def growth_points(seconds: float, notes: list[str]) -> Iterator[Point]:
+    """All curves; `seconds` is the length of each live run. Takes minutes. `notes` gets what could not be measured."""
     yield from _decoding()
     yield from _replay()
     yield from _commands_over_joints()
     yield from _commands_over_length()
     yield from _commands_over_rate()
-    yield from _ring_over_rate(seconds)
+    yield from _ring_over_rate(seconds, notes)
 
 
 def _decoding() -> Iterator[Point]:
@@ -110,11 +110,14 @@ def _commands_over_rate() -> Iterator[Point]:
                 yield Point(f"{command}_minute", "Hz", rate, usage.cpu, "CPU s")
 
 
-def _ring_over_rate(seconds: float) -> Iterator[Point]:
+def _ring_over_rate(seconds: float, notes: list[str]) -> Iterator[Point]:
     from hd_control.nodes.ring_bench import ring
 
     for rate in RING_RATES:
-        result = ring(seconds, 1.0 / rate)
+        try:
+            result = ring(seconds, 1.0 / rate)
+        except HdError as error:
+            notes.append(f"ring at {rate} Hz: not measured, {error}")
+            continue
         yield Point("ring_missed", "Hz", rate, result.missed_percent, "%")
         yield Point("ring_p50", "Hz", rate, result.p50, "us")
-        time.sleep(0.5)

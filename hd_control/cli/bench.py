@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Measures and prints the table."""
+    """Measures and prints the table. What cannot be measured becomes a note; an interrupted run keeps what it has."""
     from hd_control.bench.measure import machine
     from hd_control.cli.options import say, write_json
     from hd_control.core.errors import ConfigError
@@ -37,30 +37,44 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigError(f"--runs {arguments.runs}, --seconds {arguments.seconds:g}: both must be positive")
     about = machine()
     say(arguments, "machine: " + ", ".join(f"{key} {value}" for key, value in about.items()))
-    results, notes = [], list[str]()
-    for rows, remarks in _measure(arguments):
+    results: list[Result] = []
+    points: list[Point] = []
+    notes: list[str] = []
+    try:
+        _rows(arguments, results, notes)
+        if arguments.growth:
+            _growth(arguments, points, notes)
+    finally:
+        for note in notes:
+            say(arguments, f"note: {note}")
+        document = {"schema": "hd.bench/1", "machine": about, "results": [row.as_json() for row in results]}
+        write_json(arguments, document | {"growth": [point.as_json() for point in points], "notes": notes})
+    return 0
+
+
+def _rows(arguments: argparse.Namespace, results: list[Result], notes: list[str]) -> None:
+    """Adds the rows of the groups that were asked for."""
+    from hd_control.cli.options import say
+    from hd_control.core.errors import HdError
+
+    groups = _groups(arguments)
+    for name in (name for name in GROUPS if name in arguments.only):
+        try:
+            rows, remarks = groups[name]()
+        except HdError as error:
+            rows, remarks = [], [f"{name}: not measured, {error}"]
         results += rows
         notes += remarks
         for line in lines(rows):
             say(arguments, line)
-    for note in notes:
-        say(arguments, f"note: {note}")
-    points = _growth(arguments)
-    document = {"schema": "hd.bench/1", "machine": about, "results": [row.as_json() for row in results]}
-    document |= {"growth": [point.as_json() for point in points], "notes": notes}
-    write_json(arguments, document)
-    return 0
 
 
-def _growth(arguments: argparse.Namespace) -> list[Point]:
-    """The curves, if they were asked for, and their picture."""
-    if not arguments.growth:
-        return []
+def _growth(arguments: argparse.Namespace, found: list[Point], notes: list[str]) -> None:
+    """Adds the points of the curves, and draws them."""
     from hd_control.bench.growth import growth_points
     from hd_control.cli.options import say
 
-    found = []
-    for point in growth_points(arguments.seconds):
+    for point in growth_points(arguments.seconds, notes):
         found.append(point)
         say(arguments, f"{point.name:26}{point.size:>10g} {point.axis:<9}{point.value:>12.4g}  {point.unit}")
     if arguments.png:
@@ -70,15 +84,15 @@ def _growth(arguments: argparse.Namespace) -> list[Point]:
         picture = growth_figure([point.as_json() for point in found])
         for path in write_figures(arguments.png, {"bench_growth": picture}, arguments.force):
             say(arguments, f"written: {path}")
-    return found
 
 
-def _measure(arguments: argparse.Namespace) -> Iterator[tuple[list[Result], list[str]]]:
+def _groups(arguments: argparse.Namespace) -> dict[str, Callable[[], tuple[list[Result], list[str]]]]:
+    """What each group measures: its rows, and remarks."""
     from hd_control.bench import commands, graph, laws, records, replays, world
 
     runs = arguments.runs
     few = max(1, runs // 5)
-    groups: dict[str, Callable[[], tuple[list[Result], list[str]]]] = {
+    return {
         "plant": lambda: world.plant_rows(runs),
         "laws": lambda: (laws.law_rows(runs), []),
         "runner": lambda: (laws.lockstep_row(few), []),
@@ -89,9 +103,6 @@ def _measure(arguments: argparse.Namespace) -> Iterator[tuple[list[Result], list
         "lockstep": lambda: (graph.lockstep_rows(few), []),
         "ring": lambda: (graph.ring_rows(few, arguments.seconds), []),
     }
-    for name in GROUPS:
-        if name in arguments.only:
-            yield groups[name]()
 
 
 def lines(rows: list[Result]) -> Iterator[str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import importlib
 import re
 from pathlib import Path
 
@@ -77,3 +79,15 @@ def test_no_command_hides_in_another_block(page: Path) -> None:
         if language != "sh" and re.match(r"(\./hd|hd|ros2|pip|colcon|apt-get) [a-z]", line)
     ]
     assert not found, "say ```sh at the head of the block"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_python_of_a_page_imports_what_exists(page: Path) -> None:
+    for number, language, _, lines in blocks(page):
+        if language != "python":
+            continue
+        for node in ast.walk(ast.parse("\n".join(lines))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in ("hd_control", "hd_sim"):
+                module = importlib.import_module(node.module or "")
+                missing = [name.name for name in node.names if not hasattr(module, name.name)]
+                assert not missing, f"{name_of(page)}:{number}: {node.module} has no {missing}"

@@ -53,3 +53,18 @@ def test_pictures_are_used() -> None:
     used = {(page.parent / target).resolve() for page in pages() for target in links(page)}
     unused = [path.name for path in (ROOT / "docs" / "pictures").iterdir() if path not in used]
     assert not unused, unused
+
+
+@pytest.mark.parametrize("page", pages(), ids=lambda page: str(page.relative_to(ROOT)))
+def test_files_named_in_the_text_exist(page: Path) -> None:
+    named = re.findall(r"`((?:hd_control|hd_sim|test|config|launch|requirements)/[\w/.-]+)`", page.read_text())
+    missing = [name for name in named if not (ROOT / name).exists()]
+    assert not missing, missing
+
+
+def test_the_walks_through_the_code_name_what_is_there() -> None:
+    rows = re.findall(
+        r"^\| .+ \| `([\w/.]+)` \| `(\w+)` \|$", (ROOT / "docs" / "architecture.md").read_text(), re.MULTILINE
+    )
+    wrong = [f"{file}: {name}" for file, name in rows if not re.search(rf"\b{name}\b", (ROOT / file).read_text())]
+    assert len(rows) == 29 and not wrong, wrong
