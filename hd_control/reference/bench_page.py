@@ -10,7 +10,7 @@ from typing import Any
 from hd_control.reference.markdown import code, page, table
 
 FILE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "bench.json"
-COMMAND = "hd bench --growth --png docs/pictures --json docs/reference/bench.json --force"
+COMMAND = "hd bench --growth --runs 5 --seconds 3 --png docs/pictures --json docs/reference/bench.json --force"
 MEANINGS = {
     "plant_5_substeps": "plant, 7 joints, 5 substeps per ms",
     "plant_10_substeps": "the same, 10 substeps",

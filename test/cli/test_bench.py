@@ -69,7 +69,7 @@ def test_a_command_that_fails_is_told_with_its_words() -> None:
 
 def test_growth_is_printed_stored_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     points = [Point("replay_tick", "joints", n, 100.0 * n, "us CPU") for n in (1, 7)]
-    monkeypatch.setattr(growth, "growth_points", lambda seconds, notes: iter(points))
+    monkeypatch.setattr(growth, "growth_points", lambda curves, seconds, notes: iter(points))
     file = tmp_path / "bench.json"
     assert main(["bench", "--only", "laws", "--runs", "1", "--growth", "--json", str(file)]) == 0
     stored = json.loads(file.read_text())["growth"]
@@ -78,15 +78,17 @@ def test_growth_is_printed_stored_and_drawn(tmp_path: Path, monkeypatch: pytest.
     assert figure["data"][0]["y"] == [1.0, 7.0] and figure["data"][0]["x"] == [1, 7]
 
 
-def test_the_picture_draws_every_curve_that_is_measured() -> None:
+def test_every_stored_curve_grows_over_something_and_is_drawn_or_listed() -> None:
     stored = json.loads(bench_page.FILE.read_text())["growth"]
-    drawn = {name for _, names in FIELDS for name in names}
-    assert drawn <= {point["name"] for point in stored}
-    assert len(growth_figure(stored)["data"]) >= len(drawn) - 1  # a curve that starts at zero has no ratio
+    names = {point["name"] for point in stored}
+    drawn = {trace["name"].split(" (")[0] for trace in growth_figure(stored)["data"]}
+    assert drawn <= {name for _, curves in FIELDS for name in curves} & names
+    assert all(f"`{name}`" in bench_page.bench_page() for name in names)
+    assert all(len({point["size"] for point in stored if point["name"] == name}) > 1 for name in names)
 
 
 def test_an_interrupted_run_keeps_what_it_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(seconds: float, notes: list[str]):
+    def interrupted(curves, seconds: float, notes: list[str]):
         yield Point("replay_tick", "joints", 1, 100.0, "us CPU")
         raise KeyboardInterrupt
 
@@ -106,3 +108,15 @@ def test_what_cannot_be_measured_is_a_note(tmp_path: Path, monkeypatch: pytest.M
     assert main(["bench", "--only", "start", "laws", "--runs", "1", "--json", str(file)]) == 0
     document = json.loads(file.read_text())
     assert document["notes"] == ["start: not measured, no room for four processes"] and len(document["results"]) == 5
+
+
+def test_an_update_keeps_what_is_not_measured_again(tmp_path: Path) -> None:
+    file = tmp_path / "bench.json"
+    words = ["bench", "--runs", "1", "--json", str(file)]
+    assert main([*words, "--only", "laws"]) == 0
+    assert main([*words, "--only", "start", "--update", "--force"]) == 0
+    document = json.loads(file.read_text())
+    assert [row["name"] for row in document["results"]][-1] == "cli_start" and len(document["results"]) == 6
+    assert "step_fusion" in document["notes"][0] and "earlier run" in document["notes"][0]
+    file.write_text("{}")
+    assert main([*words, "--only", "start", "--update", "--force"]) == 2
