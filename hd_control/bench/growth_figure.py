@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -33,6 +34,7 @@ def growth_figure(points: Sequence[Mapping[str, Any]]) -> Figure:
 
 
 def _curve(points: Sequence[Mapping[str, Any]], suffix: str, colour: str) -> list[dict[str, Any]]:
+    points = [point for point in points if point["value"] is not None and math.isfinite(point["value"])]
     if not points or not points[0]["value"]:
         return []
     first = points[0]

@@ -7,9 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from hd_control.bench.growth_figure import FIELDS
 from hd_control.reference.markdown import code, page, table
 
 FILE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "bench.json"
+PICTURE = FILE.parents[1] / "pictures" / "bench_growth.png"
 COMMAND = "hd bench --growth --runs 5 --seconds 3 --png docs/pictures --json docs/reference/bench.json --force"
 MEANINGS = {
     "plant_5_substeps": "plant, 7 joints, 5 substeps per ms",
@@ -42,9 +44,12 @@ def bench_page() -> str:
     document = json.loads(FILE.read_text(encoding="utf-8"))
     machine = ", ".join(f"{key} {value}" for key, value in document["machine"].items())
     intro = [
-        f"Measured by `{COMMAND}`; what the figures mean: [speed](../bench.md). Compare ratios within",
-        "this run: the machine is a virtual one, other programs ran beside, and the load at the start is in its line.",
+        f"Measured by `{COMMAND}`,",
+        "or in parts (`--only`, `--update`) where a note says so. What the figures mean: [speed](../bench.md). Compare ratios",
+        "within one run: the machine is a virtual one, other programs ran beside, the load at the start is in its line.",
     ]
+    names = {point["name"] for point in document["growth"]}
+    missing = [name for _, curves in FIELDS for name in curves if name not in names]
     return page(
         "Figures of `hd bench`",
         "`docs/reference/bench.json`",
@@ -54,8 +59,11 @@ def bench_page() -> str:
         table(["row", "median", "min", "p99", "unit", "beside", "what"], _rows(document["results"])),
         [f"- {note}" for note in document["notes"]],
         ["## Growth"],
-        ["![Cost over joints, length and rate, each curve over its first point](../pictures/bench_growth.png)"],
+        [f"![Cost over joints, length and rate, each curve over its first point](../pictures/{PICTURE.name})"]
+        if PICTURE.is_file()
+        else [],
         table(["figure", "over", "values", "unit"], _curves(document["growth"])),
+        [f"Not in this run: {', '.join(map(code, missing))}."] if missing else [],
     )
 
 
