@@ -1,4 +1,4 @@
-"""The curves of `hd bench --growth` as one picture: three fields, joints, length and rate, both axes logarithmic."""
+"""The curves of `hd bench --growth` as one picture: a field for each axis, both logarithmic."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from hd_control.analysis.figures_style import Figure, axis, layout
 
 FIELDS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("joints", ("decode_message", "replay_tick", "compare_arm_20s")),
+    ("messages", ("read_topic",)),
     ("s of recording", ("compare_joint", "diagnose_joint")),
     ("Hz", ("compare_minute", "diagnose_minute", "ring_missed", "ring_p50")),
 )
@@ -21,10 +22,12 @@ def growth_figure(points: Sequence[Mapping[str, Any]]) -> Figure:
     """Each curve over its smallest value, so that a slope can be read: 1 on the vertical axis is the first point."""
     data: list[dict[str, Any]] = []
     more: dict[str, Any] = {}
-    for number, (title, names) in enumerate(FIELDS, 1):
+    measured = {point["name"] for point in points}
+    fields = [(title, names) for title, names in FIELDS if measured & set(names)]
+    for number, (title, names) in enumerate(fields, 1):
         suffix = "" if number == 1 else str(number)
-        left = (number - 1) / 3 + (0.03 if number > 1 else 0.0)
-        more[f"xaxis{suffix}"] = axis(title, type="log", domain=[left, number / 3 - 0.03], dtick="D2")
+        left = (number - 1) / len(fields) + (0.03 if number > 1 else 0.0)
+        more[f"xaxis{suffix}"] = axis(title, type="log", domain=[left, number / len(fields) - 0.03], dtick="D2")
         more[f"yaxis{suffix}"] = axis("times the first value" if number == 1 else "", type="log", anchor=f"x{suffix}")
         for name in names:
             data += _curve(

@@ -45,8 +45,8 @@ def bench_page() -> str:
     machine = ", ".join(f"{key} {value}" for key, value in document["machine"].items())
     intro = [
         f"Measured by `{COMMAND}`,",
-        "or in parts (`--only`, `--update`) where a note says so. What the figures mean: [speed](../bench.md). Compare ratios",
-        "within one run: the machine is a virtual one, other programs ran beside, the load at the start is in its line.",
+        "or in parts (`--only`, `--update`) where a note says so. What the figures mean: [speed](../bench.md). Compare",
+        "ratios within one run: the machine is a virtual one, other programs ran beside, its line has the load.",
     ]
     names = {point["name"] for point in document["growth"]}
     missing = [name for _, curves in FIELDS for name in curves if name not in names]
