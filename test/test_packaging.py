@@ -130,32 +130,6 @@ def test_an_install_finds_its_files(tmp_path: Path) -> None:
     assert {path.name for path in (environment / "bin").iterdir()} >= {*NODES, "hd"}
 
 
-DOCUMENTS = ["README.md", "CONTRIBUTING.md", "docs/setup.md", "docs/nodes.md"]
-
-
-def test_documented_commands_exist() -> None:
-    from hd_control.cli.main import command_names
-
-    text = "\n".join((ROOT / name).read_text() for name in DOCUMENTS)
-    named = set(re.findall(r"^\./hd ([a-z]+)|`(?:\./)?hd ([a-z]+)", text, re.MULTILINE))
-    named = {one or other for one, other in named}
-    assert "test" in named
-    assert named <= set(command_names()), "the documents name a command that does not exist"
-
-
-def test_the_first_steps_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The commands under "First steps", as written there."""
-    from hd_control.cli.main import main
-
-    text = (ROOT / "README.md").read_text().split("## First steps", 1)[1].split("```", 2)[1]
-    lines = [line.split()[1:] for line in text.splitlines() if line.startswith("./hd ")]
-    assert len(lines) >= 3
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "bags").mkdir()
-    for words in lines:
-        assert main(words) == 0, " ".join(words)
-
-
 def test_the_entry_of_a_checkout_runs(tmp_path: Path) -> None:
     """The README's cheap commands, from another folder, where ./hd made the environment."""
     if not (ROOT / ".venv" / "hd-current").exists():

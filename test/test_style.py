@@ -13,7 +13,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 # hd_control.nodes and hd_sim.nodes are left out: rclpy carries no types.
-PURE = ["core", "drive", "sensing", "control", "record", "analysis", "reproduce", "studio", "cli"]
+PURE = ["core", "drive", "sensing", "control", "record", "analysis", "reproduce", "reference", "studio", "cli"]
 MAX_LINES, MAX_FUNCTION_LINES = 300, 40
 SKIP = {".git", ".venv", "build", "install", "log", "bags", "__pycache__"}
 

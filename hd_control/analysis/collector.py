@@ -216,15 +216,15 @@ def _streams(
     """Rows that belong to the same joints: joints that come in messages of their own have their own stamps."""
     field_name = next((s.field for s in sources if columns.has(s.field)), None)
     everything = slice(None)
-    if field_name is None or len(names) < 2:
+    if field_name is None or len(columns.names) < 2:
         return [(everything, names)]
-    present = columns.present(field_name, names)
+    present = columns.present(field_name, columns.names)
     if bool(present.all()):
         return [(everything, names)]
     alone = present.sum(axis=1) <= 1
     if float(alone.mean()) < 0.9:
         return [(everything, names)]
-    return [(np.flatnonzero(present[:, k]), [name]) for k, name in enumerate(names)]
+    return [(np.flatnonzero(present[:, columns.names.index(name)]), [name]) for name in names]
 
 
 def _remarks(joint: FoundJoint, valid: BoolArray, period: float) -> list[str]:

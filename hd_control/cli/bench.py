@@ -5,64 +5,150 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from hd_control.bench.growth import Point
     from hd_control.bench.measure import Result
 
 NAME = "bench"
 HELP = "speed of every hot path, beside peers"
-EXAMPLE = "hd bench --only plant laws --runs 20"
-GROUPS = ("plant", "laws", "runner", "records", "start", "lockstep", "ring")
+EXAMPLE = """hd bench --only plant laws --runs 20
+  hd bench --growth --png pictures --json bench.json"""
+SCHEMA = "hd.bench/1"
+CURVES = ("decoding", "replay", "joints", "length", "rate", "ring")
+GROUPS = ("plant", "laws", "runner", "records", "replay", "start", "workbench", "lockstep", "ring")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of the command."""
-    parser.add_argument("--only", nargs="+", choices=GROUPS, default=list(GROUPS), help="groups to run [all]")
+    parser.add_argument("--only", nargs="*", choices=GROUPS, default=list(GROUPS), help="groups to run [all]")
     parser.add_argument("--runs", type=int, default=15, help="runs of each short measurement [15]")
     parser.add_argument("--seconds", type=float, default=10.0, help="length of each live run [10]")
+    parser.add_argument(
+        "--growth", nargs="*", metavar="CURVE", choices=CURVES, help=f"also curves, {', '.join(CURVES)} [all]; minutes"
+    )
+    parser.add_argument("--update", action="store_true", help="keep what --json FILE has and this run does not measure")
+    parser.add_argument("--png", metavar="DIR", help="draw the curves; needs a browser")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Measures and prints the table."""
+    """Measures and prints the table. What cannot be measured becomes a note; an interrupted run keeps what it has."""
     from hd_control.bench.measure import machine
     from hd_control.cli.options import say, write_json
     from hd_control.core.errors import ConfigError
 
     if arguments.runs < 1 or not arguments.seconds > 0.0:
         raise ConfigError(f"--runs {arguments.runs}, --seconds {arguments.seconds:g}: both must be positive")
-    about = machine()
+    about, kept = machine(), _stored(arguments)
     say(arguments, "machine: " + ", ".join(f"{key} {value}" for key, value in about.items()))
-    results, notes = [], list[str]()
-    for rows, remarks in _measure(arguments):
+    results: list[Result] = []
+    points: list[Point] = []
+    notes: list[str] = []
+    try:
+        _rows(arguments, results, notes)
+        if arguments.growth is not None:
+            _growth(arguments, points, notes)
+    finally:
+        for note in notes:
+            say(arguments, f"note: {note}")
+        document = {"schema": SCHEMA, "machine": about, "results": [row.as_json() for row in results]}
+        document |= {"growth": [point.as_json() for point in points], "notes": notes}
+        write_json(arguments, merged(kept, document) if kept else document)
+    if arguments.png:
+        _draw(arguments, merged(kept, document)["growth"] if kept else document["growth"])
+    return 0
+
+
+def _stored(arguments: argparse.Namespace) -> dict[str, Any] | None:
+    """The document of an earlier run, with `--update`. Raises HdError if the file is none."""
+    import json
+    from pathlib import Path
+
+    from hd_control.core.errors import HdError
+
+    if not arguments.update or arguments.json in (None, "-") or not Path(arguments.json).exists():
+        return None
+    try:
+        found: dict[str, Any] = json.loads(Path(arguments.json).read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise HdError(f"{arguments.json}: no JSON ({error})") from None
+    if found.get("schema") != SCHEMA:
+        raise HdError(f"{arguments.json}: not a document of {SCHEMA}; choose another --json FILE")
+    return found
+
+
+def merged(old: dict[str, Any], new: dict[str, Any]) -> dict[str, Any]:
+    """The new run, and of the old one the rows and curves that the new one does not have; a note names them."""
+    rows, points = ({entry["name"] for entry in new[kind]} for kind in ("results", "growth"))
+    kept_rows = [row for row in old["results"] if row["name"] not in rows]
+    kept_points = [point for point in old["growth"] if point["name"] not in points]
+    names = list(dict.fromkeys(entry["name"] for entry in (*kept_rows, *kept_points)))
+    stays = [f"{', '.join(names)}: from an earlier run, load {old['machine']['load']}"] if names else []
+    earlier = [note for note in old["notes"] if "from an earlier run" in note]
+    earlier = [note for note in earlier if not set(note.split(": from")[0].split(", ")) <= rows | points]
+    return {
+        **new,
+        "results": kept_rows + new["results"],
+        "growth": kept_points + new["growth"],
+        "notes": [*(earlier or stays), *new["notes"]],
+    }
+
+
+def _rows(arguments: argparse.Namespace, results: list[Result], notes: list[str]) -> None:
+    """Adds the rows of the groups that were asked for."""
+    from hd_control.cli.options import say
+    from hd_control.core.errors import HdError
+
+    groups = _groups(arguments)
+    for name in (name for name in GROUPS if name in arguments.only):
+        try:
+            rows, remarks = groups[name]()
+        except HdError as error:
+            rows, remarks = [], [f"{name}: not measured, {error}"]
         results += rows
         notes += remarks
         for line in lines(rows):
             say(arguments, line)
-    for note in notes:
-        say(arguments, f"note: {note}")
-    document = {"schema": "hd.bench/1", "machine": about, "results": [row.as_json() for row in results], "notes": notes}
-    write_json(arguments, document)
-    return 0
 
 
-def _measure(arguments: argparse.Namespace) -> Iterator[tuple[list[Result], list[str]]]:
-    from hd_control.bench import graph, laws, records, world
+def _growth(arguments: argparse.Namespace, found: list[Point], notes: list[str]) -> None:
+    """Adds the points of the curves, and draws them."""
+    from hd_control.bench.growth import growth_points
+    from hd_control.cli.options import say
+
+    for point in growth_points(arguments.growth or CURVES, arguments.seconds, notes):
+        found.append(point)
+        say(arguments, f"{point.name:26}{point.size:>10g} {point.axis:<9}{point.value:>12.4g}  {point.unit}")
+
+
+def _draw(arguments: argparse.Namespace, points: list[dict[str, Any]]) -> None:
+    """The curves as a picture."""
+    from hd_control.analysis.pictures import write_figures
+    from hd_control.bench.growth_figure import growth_figure
+    from hd_control.cli.options import say
+
+    for path in write_figures(arguments.png, {"bench_growth": growth_figure(points)}, arguments.force):
+        say(arguments, f"written: {path}")
+
+
+def _groups(arguments: argparse.Namespace) -> dict[str, Callable[[], tuple[list[Result], list[str]]]]:
+    """What each group measures: its rows, and remarks."""
+    from hd_control.bench import commands, graph, laws, records, replays, world
 
     runs = arguments.runs
     few = max(1, runs // 5)
-    groups: dict[str, Callable[[], tuple[list[Result], list[str]]]] = {
+    return {
         "plant": lambda: world.plant_rows(runs),
         "laws": lambda: (laws.law_rows(runs), []),
         "runner": lambda: (laws.lockstep_row(few), []),
         "records": lambda: (records.decode_rows(few), []),
+        "replay": lambda: (replays.replay_rows(few), []),
+        "workbench": lambda: (commands.workbench_rows(few), []),
         "start": lambda: (graph.start_rows(runs), []),
         "lockstep": lambda: (graph.lockstep_rows(few), []),
         "ring": lambda: (graph.ring_rows(few, arguments.seconds), []),
     }
-    for name in GROUPS:
-        if name in arguments.only:
-            yield groups[name]()
 
 
 def lines(rows: list[Result]) -> Iterator[str]:

@@ -8,13 +8,15 @@ from typing import Any
 
 NAME = "info"
 HELP = "topics, rates, gaps, drops, joints, channels and coverage of a recording"
-EXAMPLE = "hd info bags/run1 --json info.json"
+EXAMPLE = """hd info bags/run1 --json info.json
+  hd info bags/run1 --tracking"""
 PARTLY_READ = 3
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of the command."""
     parser.add_argument("bag", metavar="BAG", help="bag folder, .mcap or .db3 file")
+    parser.add_argument("--tracking", action="store_true", help="also how well the joints followed their reference")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -23,6 +25,8 @@ def run(arguments: argparse.Namespace) -> int:
     from hd_control.record.summary import open_and_summarize
 
     document = open_and_summarize(arguments.bag)
+    if arguments.tracking:
+        document["tracking"] = _tracking(arguments.bag)
     for line in lines(document):
         say(arguments, line)
     write_json(arguments, document)
@@ -45,9 +49,24 @@ def lines(document: dict[str, Any]) -> Iterator[str]:
     for joint, row in document["joints"].items():
         yield ""
         yield from _joint_lines(joint, row)
+    if "tracking" in document:
+        yield from ("", "error of the joint position against its reference:")
+        for joint, row in document["tracking"].items():
+            yield f"  {joint}: rms {row['rms'] * 1e3:.4f} mrad, largest {row['largest'] * 1e3:.4f} mrad"
     if document["attachments"]:
         yield ""
         yield "attached: " + ", ".join(f"{name} ({size} bytes)" for name, size in document["attachments"].items())
+
+
+def _tracking(bag: str) -> dict[str, dict[str, float]]:
+    """Errors in rad by joint. Raises BagError if reference or measurement was not recorded."""
+    from hd_control.analysis.tracking import tracking_of
+    from hd_control.record.reader import BagReader
+
+    with BagReader(bag) as reader:
+        found = tracking_of(reader)
+    rms, largest = found.rms(), found.maximum()
+    return {joint: {"rms": rms[joint], "largest": largest[joint]} for joint in found.joint_names}
 
 
 def _topic_lines(topics: dict[str, Any]) -> Iterator[str]:

@@ -112,6 +112,8 @@ def run(arguments: argparse.Namespace) -> int:
     for name in ("count", "hours"):
         if getattr(arguments, name) is not None:
             os.environ[f"HD_{name.upper()}"] = str(getattr(arguments, name))
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before numpy is loaded: small fits lose by threads
+        os.environ.setdefault(name, "1")
     try:
         import pytest
     except ImportError:

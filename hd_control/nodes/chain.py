@@ -1,4 +1,4 @@
-"""`chain`: fusion, motion and torque in one process and one thread, on the same topics; `with_plant` adds the plant.
+"""`chain`: fusion, motion and torque in one process and one thread, on the same topics. Started by hd_sim.nodes.chain.
 
 Parameters of the laws are those of their own nodes with a prefix: `torque.law`, `motion.position_gain` and so on; their
 shipped values come from the nodes' own files. Exit codes: 0 stopped, 1 internal fault, 2 bad configuration.
@@ -6,26 +6,23 @@ shipped values come from the nodes' own files. Exit codes: 0 stopped, 1 internal
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
-
-from rclpy.node import Node
 
 from hd_control.control import motion, torque
 from hd_control.core.parameters import Change, Parameter, ParameterSet
 from hd_control.nodes.black_box_desk import BLACK_BOX, serve_black_box
 from hd_control.nodes.goal_desk import GoalDesk
 from hd_control.nodes.mode_topic import ModePublisher
-from hd_control.nodes.process import run_node
 from hd_control.nodes.reset_service import serve_reset
 from hd_control.nodes.stage_shell import StageShell, own_values, prefixed
+from hd_control.nodes.trajectory_action import serve_trajectory_action
 from hd_control.sensing import fusion
 from hd_control.stages.black_box import BlackBox
 from hd_control.stages.fusion_stage import FusionStage
 from hd_control.stages.gate_values import LIMITS, safety_limits
 from hd_control.stages.motion_stage import MotionStage
-from hd_control.stages.node_parameters import CHAIN_PARTS, shipped_values
+from hd_control.stages.node_parameters import CHAIN_PARTS
 from hd_control.stages.stage import Bus, Stage
 from hd_control.stages.torque_stage import TorqueStage
 
@@ -53,6 +50,7 @@ class ChainNode(StageShell):
         self.goals = GoalDesk(self, self.motion, lambda: own_values(self.values, "motion"))
         self.mode_topic = ModePublisher(self)
         self.black_boxes = serve_black_box(self, self.boxes)
+        self.action = serve_trajectory_action(self, self.goals, self.motion)
         serve_reset(self, lambda: self.torque)
 
     def boxes(self) -> dict[str, BlackBox]:
@@ -81,24 +79,3 @@ class ChainNode(StageShell):
     def leave(self) -> None:
         super().leave()
         self.black_boxes.stop()
-
-
-def make_chain() -> ChainNode:
-    """The chain, with the plant if its shipped or given parameters ask for it."""
-    probe = Node("chain", start_parameter_services=False, enable_rosout=False)
-    given = getattr(probe, "_parameter_overrides", {})
-    wanted = given["with_plant"].value if "with_plant" in given else shipped_values("chain")["with_plant"]
-    probe.destroy_node()
-    if not wanted:
-        return ChainNode()
-    make: Callable[[], ChainNode] = importlib.import_module("hd_sim.nodes.chain_with_plant").ChainWithPlant
-    return make()
-
-
-def main() -> None:
-    """Entry point; ends the process with the exit code."""
-    run_node(make_chain)
-
-
-if __name__ == "__main__":
-    main()

@@ -10,6 +10,7 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from hd_control.control.goal_check import GoalLimits, check_goal
+from hd_control.control.path import Path, braking_path
 from hd_control.control.trajectory import Goal
 from hd_control.core.errors import GoalError
 from hd_control.nodes.convert import goal_from_message
@@ -48,6 +49,11 @@ class GoalDesk:
 
     def offer(self, goal: Goal) -> str:
         """The answer to an accepted goal. Raises GoalError; nothing has changed then."""
+        path = self.accept(goal)
+        return f"accepted {goal.identifier} start_tick {path.start_tick} end_tick {path.end_tick}"
+
+    def accept(self, goal: Goal) -> Path:
+        """The path that is now followed. Raises GoalError; nothing has changed then."""
         stage = self._stage
         if not self._node.active or stage.follower is None:
             raise GoalError(
@@ -61,5 +67,13 @@ class GoalDesk:
             path = check_goal(dated, stage.follower.copy(), limits, stage.sample.joint_position.copy(), tick)
             if path.start_tick > stage.tick:
                 stage.hand_over(path)
-                return f"accepted {goal.identifier} start_tick {path.start_tick} end_tick {path.end_tick}"
+                return path
         raise GoalError("start_stamp", "HD-F22 goal_bad: the start passed during the check. Give a later start.")
+
+    def brake(self) -> None:
+        """Brings the reference to rest within the acceleration limits; drops every goal."""
+        stage, limits = self._stage, GoalLimits.from_values(self._values(), self._node.robot)
+        if stage.follower is not None:
+            start = stage.tick + LEADS[0]
+            motion = stage.follower.at(start)
+            stage.hand_over(braking_path(motion, start, stage.dt, limits.acceleration))

@@ -180,7 +180,7 @@ class Shell(LifecycleNode):
         if self.clock_watch.last is not None:
             values |= {"clock_jumps": self.clock_watch.jumps, "last_clock_jump": self.clock_watch.last.text()}
         status = DiagnosticStatus(
-            level=level, name=self.get_fully_qualified_name(), message=message, hardware_id="hd_control"
+            level=level, name=self.get_fully_qualified_name(), message=message or "running", hardware_id=self.robot.name
         )
         status.values = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
         array = DiagnosticArray(status=[status])

@@ -1,7 +1,8 @@
 """`motion_node`: goals to references, references and joint states to the required joint torque.
 
 Goals on `joint_trajectory` are checked completely before acceptance; the answer is on `~/goal_status` (latched):
-`accepted ID …` or the refusal. Stamp 0 starts at the next ticks.
+`accepted ID …` or the refusal. Stamp 0 starts at the next ticks. The action `follow_joint_trajectory` is served where
+`control_msgs` is installed.
 
 Exit codes: 0 stopped on request, 1 internal fault, 2 bad configuration.
 """
@@ -16,6 +17,7 @@ from hd_control.nodes.mode_topic import ModeInput
 from hd_control.nodes.process import run_node
 from hd_control.nodes.reset_service import serve_reset
 from hd_control.nodes.stage_shell import StageShell
+from hd_control.nodes.trajectory_action import serve_trajectory_action
 from hd_control.stages.motion_stage import MotionStage
 from hd_control.stages.stage import Stage
 
@@ -27,6 +29,7 @@ class MotionNode(StageShell):
         super().__init__("motion_node", motion.PARAMETERS)
         self.goals = GoalDesk(self, self.motion, lambda: self.values)
         self.modes = ModeInput(self, self.motion)
+        self.action = serve_trajectory_action(self, self.goals, self.motion)
         serve_reset(self, lambda: self.motion)
 
     def make_stages(self, values: Any) -> list[Stage]:

@@ -76,6 +76,11 @@ class ParameterDesk:
         node.add_on_set_parameters_callback(self._judge)
         node.add_post_set_parameters_callback(self._take_over)
 
+    @property
+    def parameters(self) -> ParameterSet:
+        """What is declared."""
+        return self._set
+
     def values(self) -> dict[str, Any]:
         """All values as plain Python objects."""
         return {p.name: plain(p, self._node.get_parameter(p.name).value) for p in self._set.parameters}

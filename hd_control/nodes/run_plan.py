@@ -16,7 +16,7 @@ MODULES = {
     "torque_node": "hd_control.nodes.torque_node",
     "motion_node": "hd_control.nodes.motion_node",
     "fusion_node": "hd_control.nodes.fusion_node",
-    "chain": "hd_control.nodes.chain",
+    "chain": "hd_sim.nodes.chain",
     "plant_node": "hd_sim.nodes.plant_node",
 }
 """In the order of activation: a node finds its consumers awake, the plant comes last."""

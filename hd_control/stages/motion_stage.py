@@ -67,6 +67,11 @@ class MotionStage(Stage):
         """Gives a checked path to the loop, from any thread; the newest wins."""
         self._handover = path
 
+    def has(self, path: Path | None) -> bool:
+        """Is this path followed, or will it be? From any thread."""
+        handed, follower = self._handover, self.follower  # read first: the loop moves a path from here to there
+        return path is handed or (follower is not None and (path is follower.pending or path is follower.active))
+
     def act(self, tick: int) -> None:
         if self.follower is None:
             self.follower = TrajectoryFollower(

@@ -5,6 +5,7 @@ import pytest
 
 from hd_control.analysis.figures import POINTS, thinned, tracking_figure
 from hd_control.analysis.tracking import Tracking, tracking_of
+from hd_control.cli.main import main
 from hd_control.core.errors import BagError
 from hd_control.record.reader import BagReader
 from hd_control.record.schema import joint_state_codec
@@ -63,3 +64,9 @@ def test_the_figure_draws_motion_and_error_of_every_joint():
     assert [trace.name for trace in figure.data] == ["joint_1", "joint_1", "joint_2", "joint_2"]
     np.testing.assert_allclose(figure.data[1].y, [0.0, 1.0])
     np.testing.assert_allclose(figure.data[2].y, [0.0, -20.0])
+
+
+def test_info_prints_the_tracking(tmp_path, capsys):
+    _bag(tmp_path / "bag", range(10), range(10))
+    assert main(["info", str(tmp_path / "bag"), "--tracking"]) == 0
+    assert "joint_2: rms 250.0000 mrad, largest 250.0000 mrad" in capsys.readouterr().out

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from hd_control import __version__
-from hd_control.cli import completion, main, options
+from hd_control.cli import main, options
 from hd_control.core.errors import AnswerIsNo, HdError
 
 HEAVY = {"numpy", "scipy", "pinocchio", "rclpy", "mcap", "rosbags", "yaml", "plotly", "pytest"}
@@ -59,7 +59,7 @@ def test_every_command_keeps_the_contract(name: str, capsys: pytest.CaptureFixtu
     assert module.EXAMPLE in text and "--json" in text and "--quiet" in text
 
 
-@pytest.mark.parametrize("argv", [["--help"], ["--version"], ["completion", "bash"]])
+@pytest.mark.parametrize("argv", [["--help"], ["--version"]])
 def test_nothing_heavy_is_imported(argv: list[str]) -> None:
     code = "import sys; from hd_control.cli.main import main; main(sys.argv[1:]); print(*sys.modules, file=sys.stderr)"
     done = subprocess.run([sys.executable, "-c", code, *argv], capture_output=True, text=True, check=True)
@@ -206,21 +206,6 @@ def test_ros_defaults_yield_to_the_user(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     main.prepare_environment()
     assert os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SUBNET"
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion_knows_every_command(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main.main(["completion", shell]) == 0
-    script = capsys.readouterr().out
-    assert all(name in script for name in main.command_names())
-
-
-def test_bash_completes(tmp_path: Path) -> None:
-    script = completion.bash_script({"info": ("", ["--json"]), "simulate": ("", ["--seed", "--force"])})
-    ask = 'COMP_WORDS=(hd {}) COMP_CWORD={}; _hd; echo "${{COMPREPLY[@]}}"'
-    for words, index, answer in (("si", 1, "simulate"), ("simulate --s", 2, "--seed"), ("--v", 1, "--version")):
-        done = subprocess.run(["bash", "-c", script + ask.format(words, index)], capture_output=True, text=True)
-        assert done.stdout.strip() == answer, done.stderr
 
 
 def test_test_command_selects(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from node_runs import END, GOAL_TICK, JOINTS, PAUSE, START, a_goal, record
+from node_runs import END, GOAL_TICK, JOINTS, PAUSE, START, a_goal, random_domain, record
 
+from hd_control.nodes.run_plan import RunPlan
+from hd_control.nodes.session import Session
 from hd_control.record.reader import BagReader
 from hd_sim.plant_config import PlantConfig
 from hd_sim.runner import Runner, RunSetup
@@ -78,6 +80,33 @@ def test_one_thread_gives_the_same_torques(four_processes: Path, tmp_path: Path)
     chain = record(tmp_path, nodes=("chain",))
     assert np.all(np.isfinite(command(chain))), "a message was lost"
     assert command(four_processes).tobytes() == command(chain).tobytes()
+
+
+def test_two_robots_on_one_domain_do_not_hear_each_other(four_processes: Path, tmp_path: Path) -> None:
+    """Two chains with plant and recorder, in two namespaces, at the same time; each commands what it commands alone."""
+    domain, parameters = random_domain(), {"chain": {"pause_at_tick": PAUSE}}
+    plans = [
+        RunPlan(nodes=("chain",), lockstep=True, namespace=name, bag=tmp_path / name, parameters=parameters)
+        for name in ("left", "right")
+    ]
+    with Session(plans[0], domain, tmp_path / "logs_left") as left:
+        with Session(plans[1], domain, tmp_path / "logs_right") as right:
+            for robot in (left, right):
+                robot.activate()
+            for robot in (left, right):
+                robot.wait_until_tick(PAUSE)
+            left.send_goal(a_goal())
+            for robot in (left, right):
+                assert not robot.set_parameters("chain", {"pause_at_tick": END})
+            for robot in (left, right):
+                robot.wait_until_tick(END)
+    assert set(left.exit_codes.values()) | set(right.exit_codes.values()) == {0}
+    assert command(tmp_path / "left").tobytes() == command(four_processes).tobytes()
+    resting = command(tmp_path / "right")
+    assert np.array_equal(resting[:GOAL_TICK], command(four_processes)[:GOAL_TICK])
+    with BagReader(tmp_path / "right") as reader:
+        assert np.ptp(reader.columns("joint_reference").position, axis=0).max() == 0.0, "it got the other one's goal"
+        assert all(topic.startswith("/right/") for topic in reader.topics)
 
 
 def test_the_runner_without_ros_gives_the_same_torques(four_processes: Path) -> None:

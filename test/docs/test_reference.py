@@ -1,0 +1,33 @@
+"""The generated pages say what the code says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from hd_control.analysis.signals import SIGNALS
+from hd_control.reference.pages import PAGES
+from hd_control.reference.terms import SIGNALS as DESCRIBED
+
+FOLDER = Path(__file__).resolve().parents[2] / "docs" / "reference"
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_the_page_is_current(name: str) -> None:
+    """python -m hd_control.reference"""
+    assert (FOLDER / name).read_text(encoding="utf-8") == PAGES[name]()
+
+
+def test_every_page_is_generated() -> None:
+    assert {path.name for path in FOLDER.glob("*.md")} == set(PAGES)
+
+
+def test_every_signal_has_a_meaning() -> None:
+    assert set(DESCRIBED) == set(SIGNALS)
+
+
+def test_every_topic_and_parameter_of_the_nodes_has_a_meaning() -> None:
+    rows = [line for line in (FOLDER / "nodes.md").read_text().splitlines() if line.startswith("| `")]
+    empty = [row for row in rows if row.count("|") > 3 and row.split("|")[-2].strip() == ""]
+    assert len(rows) > 150 and not empty, empty
