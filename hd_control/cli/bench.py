@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     finally:
         for note in notes:
             say(arguments, f"note: {note}")
-        document = {"schema": SCHEMA, "machine": about, "results": [row.as_json() for row in results]}
+        document: dict[str, Any] = {"schema": SCHEMA, "machine": about, "results": [row.as_json() for row in results]}
         document |= {"growth": [point.as_json() for point in points], "notes": notes}
         write_json(arguments, merged(kept, document) if kept else document)
     if arguments.png:
