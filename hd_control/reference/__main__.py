@@ -11,7 +11,9 @@ FOLDER = Path(__file__).resolve().parents[2] / "docs" / "reference"
 
 
 def main() -> None:
-    """Writes every page."""
+    """Writes every page. Words that are no folder are refused."""
+    if len(sys.argv) > 2 or any(word.startswith("-") for word in sys.argv[1:]):
+        sys.exit("usage: python -m hd_control.reference [FOLDER]")
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
     folder.mkdir(parents=True, exist_ok=True)
     for name, make in PAGES.items():
