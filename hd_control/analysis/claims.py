@@ -37,24 +37,20 @@ def refuted(claim: NamedEffect, group: Group, without: Mapping[str, float], whol
 
 
 def beside(search: Search, selection: Selection) -> dict[str, float]:
-    """What the strongest other named effect gains on the channels of each, nats: no law is exact, and what it leaves on
-    its channels looks like weak effects there."""
-    whole = search.scores.channel_losses(search.index(selection))
+    """What the strongest other effect, selected or in the model already, gains on the channels of each, nats: no law is
+    exact, and what it leaves on its channels looks like weak effects there."""
+    index = search.index(selection)
+    whole = search.scores.channel_losses(index)
+    laws = [group for group in (*selection, *search.dictionary.known) if not group.is_curve]
     gains = {}
-    for group in selection:
-        without = search.scores.channel_losses(search.index(tuple(g for g in selection if g is not group)))
-        gains[group.name] = {name: without[name] - whole[name] for name in group.channels}
-    return {
-        group.name: max(
-            (
-                sum(max(0.0, gains[other.name].get(name, 0.0)) for name in group.channels)
-                for other in selection
-                if other is not group and not other.is_curve
-            ),
-            default=0.0,
-        )
-        for group in selection
-    }
+    for law in laws:
+        without = search.scores.channel_losses(np.setdiff1d(index, law.index))
+        gains[law.name] = {name: without[name] - whole[name] for name in law.channels}
+
+    def on_channels_of(group: Group, law: Group) -> float:
+        return sum(max(0.0, gains[law.name].get(name, 0.0)) for name in group.channels)
+
+    return {g.name: max((on_channels_of(g, law) for law in laws if law is not g), default=0.0) for g in selection}
 
 
 def sure(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from hd_control.bench.measure import Result, Timed, time_each
+from hd_control.core.errors import ConfigError
 from hd_sim.peers import compiled_plant, mujoco_peer, numpy_peer
 from hd_sim.plant_config import PlantConfig
 
@@ -18,7 +19,7 @@ def plant_rows(runs: int) -> tuple[list[Result], list[str]]:
         cases.append(Timed(_repeat(numpy_peer(config, substeps), 1), 1, "numpy"))
         try:
             cases.append(Timed(_repeat(mujoco_peer(config, substeps), 50), 50, "mujoco"))
-        except ImportError:
+        except ConfigError:
             notes.append("mujoco is not installed: no peer row; install the extra `bench`")
         found += time_each(f"plant_{substeps}_substeps", "us per simulated ms", cases, runs)
     return found, notes[:1]
