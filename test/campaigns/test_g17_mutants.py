@@ -1,14 +1,15 @@
-"""G17: branches and mutants of gate, guard, limits and monitors. hd test --long G17; HD_MUTANTS=5 takes every fifth."""
+"""G17: branches and mutants of gate, guard, limits and monitors. hd test --long G17; --count 60 takes about sixty."""
 
 import os
 from concurrent.futures import ThreadPoolExecutor
 from queue import SimpleQueue
 
+from counts import count
 from equivalent import reason_of
 from mutants import MODULES, MutantServer, mutants, notices, path_of, with_probes
 from results import write_result
 
-EVERY, ENOUGH = int(os.environ.get("HD_MUTANTS", "1")), 0.95
+ENOUGH = 0.95
 
 
 def branches_missing(folder):
@@ -45,16 +46,18 @@ def survivors_of(chosen):
 
 def test_g17_branches_and_mutants(tmp_path):
     missing, ways = branches_missing(tmp_path)
-    chosen = [mutant for module in MODULES for mutant in mutants(module)[::EVERY]]
+    every_mutant = [mutant for module in MODULES for mutant in mutants(module)]
+    step = -(-len(every_mutant) // count(len(every_mutant)))
+    chosen = every_mutant[::step]
     alike = [mutant for mutant in chosen if reason_of(mutant.module, code_of(mutant), mutant.change)]
     tried = [mutant for mutant in chosen if mutant not in alike]
     left = survivors_of(tried)
     share = 1.0 - len(left) / len(tried)
-    some = f" (every {EVERY}th)" if EVERY > 1 else ""
+    some = f" (one in {step} of {len(every_mutant)})" if step > 1 else ""
     text = f"{ways - len(missing)} of {ways} branch ends taken; {len(tried) - len(left)} of {len(tried)} mutants "
     text += f"killed{some}, {len(alike)} more change nothing that can be seen"
     survivors = [f"{mutant.module}:{mutant.line} {mutant.change}: {code_of(mutant)}" for mutant in left]
-    write_result("G17", text, share >= ENOUGH and not missing and EVERY == 1, survivors=survivors,
+    write_result("G17", text, share >= ENOUGH and not missing and step == 1, survivors=survivors,
                  missing=[list(map(str, each)) for each in missing])  # fmt: skip
     assert not missing, missing
     assert share >= ENOUGH, "\n".join(survivors)

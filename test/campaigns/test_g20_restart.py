@@ -4,13 +4,12 @@ import os
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 
-from counts import count, enough
+from counts import SEED, count, enough
 from restart_runs import restart_cycles
 from results import write_result
 
-SEED = int(os.environ.get("HD_SEED", "20240229"))
-CYCLES = 50
-RUNS = max(1, count(1000) // CYCLES)
+CYCLES = min(50, count(1000))
+RUNS = count(1000) // CYCLES
 
 
 def test_g20_a_thousand_restarts_without_a_jump():

@@ -11,25 +11,27 @@ from hd_sim.runner import Runner, RunSetup
 PLANTS = ("arm_a", "single_joint_3", "single_joint_4", "single_joint_5", "single_joint_7")
 
 
-def false_stop(seed, seconds):
-    """Texts of every stop in `seconds` of random moves at 0.01 to 0.8 rad/s on each plant."""
-    found = []
+def healthy_hours(seed, seconds):
+    """Texts of every stop in `seconds` of random moves at 0.01 to 0.8 rad/s on each plant, and the simulated hours."""
+    found, hours = [], 0.0
     for number, plant in enumerate(PLANTS):
         random = np.random.default_rng([seed, number, 0xFA15])
         runner = Runner(RunSetup(PlantConfig.from_file(plant), int(random.integers(2**31))))
-        origin, busy = None, 200
-        while runner.tick < round(seconds / runner.period) and not found:
+        origin, busy, stopped = None, 200, False
+        while runner.tick < round(seconds / runner.period) and not stopped:
             if runner.tick >= busy:
                 origin = runner.torque.sample.joint_position.copy() if origin is None else origin
                 busy = _move(runner, origin, random)
             runner.step()
-            if runner.world.seam.stopped or runner.torque.guard.stopped:
+            stopped = bool(runner.world.seam.stopped or runner.torque.guard.stopped)
+            if stopped:
                 names = runner.robot.joint_names
                 texts = [
                     book.headline(names) for book in (runner.fusion.faults, runner.torque.faults, runner.world.faults)
                 ]
                 found.append(f"seed {seed} {plant} tick {runner.tick}: {'; '.join(filter(None, texts))}")
-    return found
+        hours += runner.tick * runner.period / 3600.0
+    return found, hours
 
 
 def _move(runner, origin, random):
