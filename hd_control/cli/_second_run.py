@@ -1,0 +1,56 @@
+"""The half of the test suite that only calculates, in a process of its own beside the half that starts nodes."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+CALCULATING = ("analysis", "control", "core", "drive", "hd_sim", "oracles", "reproduce", "sensing", "stages")
+"""Folders of `test` without processes and without a wall clock: they may run beside anything."""
+
+
+class SecondRun:
+    """Starts `hd test` on the calculating folders; `finish` prints what it said and returns its document."""
+
+    def __init__(self, root: Path, options: Sequence[str]) -> None:
+        self.folders = [root / "test" / name for name in CALCULATING if (root / "test" / name).is_dir()]
+        self._place = tempfile.TemporaryDirectory(prefix="hd_test_")
+        self._document = Path(self._place.name) / "outcome.json"
+        self._log = Path(self._place.name) / "log"
+        command = [sys.executable, "-m", "hd_control.cli.main", "test", "--json", str(self._document), *options]
+        with self._log.open("wb") as log:
+            self._process = subprocess.Popen(
+                [*command, *map(str, self.folders)], cwd=root, stdout=log, stderr=subprocess.STDOUT
+            )
+
+    @staticmethod
+    def worth_it() -> bool:
+        """True on a computer with two or more processors."""
+        return (os.cpu_count() or 1) > 1
+
+    @property
+    def left_out(self) -> list[str]:
+        """Options of pytest for the other half."""
+        return [f"--ignore={folder}" for folder in self.folders]
+
+    def finish(self) -> dict[str, Any]:
+        """Waits, prints, and returns counts, failures and exit code. A run that died counts as exit code 3."""
+        try:
+            code = self._process.wait()
+            sys.stdout.write(self._log.read_text(errors="replace"))
+            sys.stdout.flush()
+            if not self._document.exists():
+                return {"passed": 0, "failed": 0, "skipped": 0, "failures": [], "exit_code": code or 3}
+            found: dict[str, Any] = json.loads(self._document.read_text())
+            return found
+        finally:
+            if self._process.poll() is None:
+                self._process.terminate()
+                self._process.wait()
+            self._place.cleanup()
