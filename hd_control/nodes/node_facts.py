@@ -51,6 +51,7 @@ class NodeFacts:
 
 def node_facts() -> list[NodeFacts]:
     """Every node of the package. Raises HdError if one cannot be configured."""
+    prepare_environment()
     found = []
     for name, path in MAKERS.items():
         module, _, kind = path.rpartition(".")
@@ -72,7 +73,6 @@ def node_facts() -> list[NodeFacts]:
 @contextmanager
 def _alone(name: str) -> Iterator[list[str]]:
     """ROS arguments of a node that only tells what it has."""
-    prepare_environment()
     with tempfile.TemporaryDirectory(prefix="hd_facts_") as folder:
         extra = ["-p", f"bag:={folder}/bag"] if name == "recorder_node" else []
         yield ["--ros-args", *extra, "--log-level", "error"] if extra else ["--ros-args", "--log-level", "error"]
