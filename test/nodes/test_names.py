@@ -46,7 +46,7 @@ def test_the_facts_name_every_node_with_its_ends() -> None:
     assert len(facts) == 6
     commands = {name for name, node in facts.items() if any(t.name == "motor_torque_command" for t in node.publishers)}
     assert commands == {"torque_node", "chain"}
-    assert [service.name for service in facts["plant_node"].services] == ["~/reset"]
+    assert [service.name for service in facts["plant_node"].services] == ["~/black_box", "~/reset"]
     assert all(
         not one.name.startswith("/") or one.name == "/clock" for node in facts.values() for one in node.publishers
     )
