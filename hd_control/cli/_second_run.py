@@ -14,6 +14,9 @@ from typing import Any
 CALCULATING = ("analysis", "control", "core", "drive", "hd_sim", "oracles", "reproduce", "sensing", "stages")
 """Folders of `test` without processes and without a wall clock: they may run beside anything."""
 
+LOW = 15
+"""Nice value of the calculating half."""
+
 
 class SecondRun:
     """Starts `hd test` on the calculating folders; `finish` prints what it said and returns its document."""
@@ -28,6 +31,7 @@ class SecondRun:
             self._process = subprocess.Popen(
                 [*command, *map(str, self.folders)], cwd=root, stdout=log, stderr=subprocess.STDOUT
             )
+        os.setpriority(os.PRIO_PROCESS, self._process.pid, LOW)  # live nodes come first
 
     @staticmethod
     def worth_it() -> bool:

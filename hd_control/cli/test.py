@@ -43,6 +43,12 @@ class Counter:
         self.outcomes = {"passed": 0, "failed": 0, "skipped": 0}
         self.failures: list[str] = []
 
+    def add(self, other: dict[str, Any]) -> None:
+        """Adds the counts of another run's document."""
+        for name in self.outcomes:
+            self.outcomes[name] += other.get(name, 0)
+        self.failures += other.get("failures", [])
+
     def pytest_runtest_logreport(self, report: Any) -> None:
         """Counts the call of each test, and set-up or clean-up that went wrong."""
         if report.when == "call" or report.outcome != "passed":
@@ -133,9 +139,7 @@ def run(arguments: argparse.Namespace) -> int:
         code = int(pytest.main(["--rootdir", str(ROOT), *quiet, *chosen], plugins=[counter]))
     finally:
         other = second.finish() if second is not None else {}
-    for name in counter.outcomes:
-        counter.outcomes[name] += other.get(name, 0)
-    counter.failures += other.get("failures", [])
+    counter.add(other)
     if pytest.ExitCode.INTERRUPTED in (code, other.get("exit_code")):
         raise KeyboardInterrupt
     nothing = int(pytest.ExitCode.NO_TESTS_COLLECTED)  # with -k one half may be empty

@@ -23,7 +23,8 @@ from hd_control.stages import topics
 from hd_control.stages.replay_bag import ReplayBag
 
 RUN_ID = "replay_000000000"
-LISTENER_TIMEOUT, ANSWER_TIMEOUT = 10.0, 1.0
+LISTENER_TIMEOUT, ANSWER_TIMEOUT = 10.0, 3.0
+FIRST_TRIES = 3
 
 
 class ReplayPublisher:
@@ -54,7 +55,7 @@ class ReplayPublisher:
         """Publishes every tick; returns how many were answered with a command.
 
         `rate`: ticks per period on the clock. `stepped`: the next tick goes out when the present one is answered.
-        Raises HdError if that takes longer than a second, or if nobody listens within ten.
+        Raises HdError if that takes longer than some seconds, or if nobody listens within ten.
         """
         self._wait_for_listener()
         begin, step = time.monotonic(), self.bag.period / rate
@@ -65,7 +66,12 @@ class ReplayPublisher:
             self._awaited = tick * round(self.bag.period * 1e9)
             self._answered.clear()
             self._publish(row, self._awaited)
-            if stepped and not self._answered.wait(ANSWER_TIMEOUT):
+            answered = not stepped or self._answered.wait(ANSWER_TIMEOUT)
+            tries = 0 if row else FIRST_TRIES  # the graph may lose the first one at its start
+            while not answered and tries > 0:
+                self._publish(row, self._awaited)
+                answered, tries = self._answered.wait(ANSWER_TIMEOUT), tries - 1
+            if not answered:
                 raise HdError(
                     f"tick {tick}: no motor_torque_command within {ANSWER_TIMEOUT:g} s; start the chain with "
                     "hd up --nodes fusion_node motion_node torque_node"
