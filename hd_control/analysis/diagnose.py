@@ -12,7 +12,7 @@ from hd_control.analysis.channels import JointEquations
 from hd_control.analysis.claims import beside, refuted, sure, unknown_in
 from hd_control.analysis.dictionary import Dictionary
 from hd_control.analysis.fit import Fit, RawRows
-from hd_control.analysis.gates import TORSION_SHAPES, Coverage, Lack, coverage, lacks, unsupported
+from hd_control.analysis.gates import Coverage, Lack, coverage, lacks, unsupported
 from hd_control.analysis.groups import Group
 from hd_control.analysis.hunt import Task, hunt
 from hd_control.analysis.intervals import Bootstrap
@@ -32,7 +32,7 @@ from hd_control.analysis.verdict import (
     NamedEffect,
     Unknown,
 )
-from hd_control.drive.effect import MOTOR, TRANSMISSION, UNITS
+from hd_control.drive.effect import MOTOR, TORSION_FAMILY, TRANSMISSION, UNITS
 
 
 def diagnose(task: Task, dictionary: Dictionary | None = None) -> JointDiagnosis:
@@ -60,7 +60,9 @@ def _compliance_error(search: Search, selection: Selection) -> float:
 
 
 def _bends(group: Group) -> bool:
-    return group.name in TORSION_SHAPES if group.curve is None else group.curve.variable == "joint_torque"
+    if group.curve is not None:
+        return group.curve.variable == "joint_torque"
+    return group.effect is not None and group.effect.family == TORSION_FAMILY
 
 
 def _hopeless(equations: JointEquations, found: Coverage) -> bool:
@@ -147,7 +149,8 @@ def _effects(
     order: list[tuple[Group, float, float, tuple[Rival, ...]]] = []
     denied: list[Lack] = []
     for group in named:
-        lack = unsupported(group.name, found, task.rated_torque)
+        assert group.effect is not None
+        lack = unsupported(group.effect, found, task.rated_torque)
         if lack is not None or set(group.channels) <= blocked:
             denied += [lack] if lack is not None else []
             continue

@@ -19,18 +19,17 @@ import numpy as np
 
 from hd_control.analysis.bands import Band, FloatArray, Spectral, band_for
 from hd_control.analysis.channels import Base, Channel, JointEquations, Known, LinkFunction, LinkTerms
+from hd_control.analysis.counts import noisy_rows
 from hd_control.analysis.joint_states import (
     BoolArray,
     Derived,
-    count_tone,
     derive,
     drive_states,
-    few_counts,
     noise_density,
-    quantum,
 )
 from hd_control.analysis.signals import JointSignals
 from hd_control.analysis.torsion import (
+    ANGLES,
     LONGEST_DAMPING,
     SIGNAL_DELAY_PRIOR,
     compliance_of,
@@ -54,10 +53,7 @@ ACCELERATION_SNR = 10.0
 
 COMMAND_DELAY_PRIOR = 3e-5
 TONE_ORDERS = (1, 2)
-COARSE = 0.5
-"""Count of an angle over that of the coarsest one of a channel below which its tones do not matter."""
-MOST_NOISY = 0.6
-"""Share of a channel's rows that may be left out because of the counts of an angle."""
+"""Harmonics of the encoder's counts that matter in the rotor balance."""
 LEAST_ROWS = 250
 """A channel with fewer rows in motion is left out: its noise cannot be told from what is missing."""
 
@@ -150,24 +146,7 @@ class _Builder:
         return replace(channel, noisy=self._noisy(band, valid, {"motor_position": TONE_ORDERS}))
 
     def _noisy(self, band: Band, valid: BoolArray, angles: Mapping[str, tuple[int, ...]]) -> BoolArray:
-        """Rows at which the counts of an angle are a tone in the band or repeat with the motion: no white noise.
-
-        A tone of the encoder also comes back through the controller. `angles`: harmonics of the counts that matter, by
-        the name of the angle; one that would take most rows is let in, and one much finer than another is no matter.
-        """
-        noisy = np.zeros(valid.size, dtype=bool)
-        coarsest = max(quantum(self.derived.filled[name]) for name in angles)
-        for name, orders in angles.items():
-            angle = self.derived.filled[name]
-            if quantum(angle) < COARSE * coarsest:
-                continue
-            velocity = self.derived.motor_velocity if name == "motor_position" else self.derived.joint_velocity
-            count, period = quantum(angle), self.signals.period
-            rows = count_tone(velocity[:: band.step], count, period, band.zero, orders)
-            rows |= few_counts(angle, count, period)[:: band.step]
-            if not valid.any() or (noisy | rows)[valid].mean() <= MOST_NOISY:
-                noisy |= rows
-        return noisy
+        return noisy_rows(self.derived, self.signals.period, band, valid, angles)
 
     def link(self) -> Channel | None:
         """Balance of the link side against the gauge."""
@@ -181,7 +160,7 @@ class _Builder:
         snr = self._snr(position, band, sp.filter(position, band, 2), valid)
         delay = [Base("torque_delay", sp.filter(self.states.gauge_torque, band, 1), SIGNAL_DELAY_PRIOR, True)]
         channel = self._channel(LINK, band, valid, left, drive, delay, self.known.link_inertia_prior, snr)
-        return replace(channel, noisy=self._noisy(band, valid, {"joint_position": TONE_ORDERS[:1]}))
+        return replace(channel, noisy=self._noisy(band, valid, {"joint_position": (1,)}))
 
     def transmission(self) -> Channel | None:
         """Torsion against torque."""
@@ -193,11 +172,10 @@ class _Builder:
         ):
             return None
         torsion = filled["joint_position"] - filled["motor_position"]
-        angles = {"motor_position": TONE_ORDERS[:1], "joint_position": TONE_ORDERS[:1]}
 
         def quiet(band: Band) -> BoolArray:
             fine, usable = Band(band.flat, band.zero), self.derived.usable
-            rows = np.asarray(usable & ~self._noisy(fine, usable, angles))
+            rows = np.asarray(usable & ~self._noisy(fine, usable, ANGLES))
             return rows if rows.any() else usable
 
         band = torsion_band(sp, torsion, self.states.gauge_torque, quiet)
@@ -212,7 +190,7 @@ class _Builder:
             damping = float(np.clip(damping + change, 0.0, LONGEST_DAMPING))
         states = replace(self.states, torsional_compliance=compliance)
         base = torsion_base(sp, states, filled["joint_position"], band, damping)
-        noisy = self._noisy(band, valid, angles)
+        noisy = self._noisy(band, valid, ANGLES)
         return Channel(TRANSMISSION, band, sp, time, valid, left, base, None, np.inf, damping, noisy)
 
     def _channel(

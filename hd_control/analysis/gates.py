@@ -14,7 +14,7 @@ from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.channels import JointEquations
 from hd_control.analysis.equations import ACCELERATION_SNR
 from hd_control.analysis.joint_states import reversals
-from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION
+from hd_control.drive.effect import LINK, MOTOR, TORSION_FAMILY, TRANSMISSION, Effect
 
 SPEED_DECADES = 1.3
 REVERSALS = 5
@@ -22,7 +22,6 @@ DURATION_S = 12.0
 LOAD_SHARE = 0.1
 """Span of the joint torque over the rated torque that claims of the torsion's shape need."""
 LOADED = ("nonlinear_stiffness", "torsional_hysteresis")
-TORSION_SHAPES = (*LOADED, "backlash")
 SAME_LOOP = 0.62
 """Autocorrelation of the speed from which on the torque runs through the same few loops (general motion: 0.57)."""
 COMPLIANCE_ERROR = 0.02
@@ -172,13 +171,13 @@ def lacks(found: Coverage) -> list[Lack]:
     return missing
 
 
-def unsupported(name: str, found: Coverage, rated_torque: float | None) -> Lack | None:
+def unsupported(effect: type[Effect], found: Coverage, rated_torque: float | None) -> Lack | None:
     """Why this recording cannot carry a claim of that effect; None if it can."""
-    span = found.torque_high - found.torque_low
+    name, span = effect.name, found.torque_high - found.torque_low
     if name in LOADED and rated_torque is not None and span < LOAD_SHARE * rated_torque:
         what = f"joint torque from {found.torque_low:.3g} to {found.torque_high:.3g} N m only"
         return Lack(what, (), "stiffness, lost motion and hysteresis", _RAMPS)
-    if name in TORSION_SHAPES and found.repetition > SAME_LOOP and found.speed_variety < SPEED_VARIETY:
+    if effect.family == TORSION_FAMILY and found.repetition > SAME_LOOP and found.speed_variety < SPEED_VARIETY:
         what = "the torque runs through the same few loops again and again"
         return Lack(what, (), "stiffness, lost motion and hysteresis", _RAMPS)
     if name == "temperature_friction" and found.temperature_span < TEMPERATURE_SPAN:

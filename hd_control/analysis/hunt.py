@@ -25,7 +25,7 @@ from hd_control.analysis.refine import refine
 from hd_control.analysis.scores import Scores
 from hd_control.analysis.search import Search, Selection, Thresholds
 from hd_control.analysis.torsion import LONGEST_DAMPING, with_damping, with_lost_torsion
-from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, Context, Effect, Shape
+from hd_control.drive.effect import LINK, MOTOR, TORSION_FAMILY, TRANSMISSION, Context, Effect, Shape
 
 ROUNDS = 2
 SECOND_STAGE = ("presliding",)
@@ -36,7 +36,6 @@ HIDDEN = 10.0
 """Noise power that a rich fit can hide, per column over row."""
 STIFFER = 2e-4
 DAMPING_TOLERANCE = 3e-5
-TORSION_LAWS = ("nonlinear_stiffness", "backlash", "torsional_hysteresis")
 REWOUND = 3e-4
 """Change of the spring's torque over the torque scale that is worth new columns."""
 
@@ -204,7 +203,7 @@ class Chase:
 
     def _rewound(self, selection: Selection) -> dict[str, Candidate]:
         """Columns of the torsion laws for the torque that the damper leaves to the spring beside them."""
-        laws = [g for g in selection if g.effect is not None and g.effect.name in TORSION_LAWS]
+        laws = [g for g in selection if g.effect is not None and g.effect.family == TORSION_FAMILY]
         names = {law.name for law in laws}
         if not names or names == self._wound:
             return {}

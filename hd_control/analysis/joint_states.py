@@ -24,10 +24,6 @@ PRESLIDING_TRAVEL = 1.5e-3
 SPEED_NOISE_FACTOR = 6.0
 
 
-FEW_COUNTS, FEW_COUNTS_S = 10, 0.1
-"""Counts within so many s below which the error of the counts is no noise."""
-
-
 @dataclass(frozen=True)
 class Derived:
     """Filtered motor and joint motion (n,) at the rate of the recording, and where friction has its full value.
@@ -87,41 +83,6 @@ def since_reversal(
     index = np.concatenate([[0], reversals(velocity, threshold)])
     last = index[np.searchsorted(index, np.arange(position.size), side="right") - 1]
     return np.abs(position - position[last]), (np.arange(position.size) - last) * period
-
-
-def quantum(signal: FloatArray) -> float:
-    """The count of a quantised signal; 0 if its smallest steps are no counts."""
-    steps = np.abs(np.diff(signal))
-    steps = steps[steps > 0.0]
-    if steps.size == 0:
-        return 0.0
-    small = float(np.quantile(steps, 0.01))
-    whole = steps[:2000] / small
-    return small if float(np.mean(np.abs(whole - np.round(whole)) < 0.05)) > 0.9 else 0.0
-
-
-def count_tone(
-    velocity: FloatArray, count: float, period: float, zero: float, orders: tuple[int, ...] = (1,)
-) -> BoolArray:
-    """Where the counts of an angle, or their beat with the sampling, fall below `zero` Hz, (n,): there the quantisation
-    is a tone and no white noise. `orders`: harmonics of the count frequency that matter."""
-    tone = np.zeros(velocity.size, dtype=bool)
-    if count > 0.0:
-        for order in orders:
-            counts = order * velocity * (period / count)
-            tone |= np.abs(counts - np.round(counts)) < zero * period
-    return tone
-
-
-def few_counts(position: FloatArray, count: float, period: float) -> BoolArray:
-    """Where an angle stays within a few of its counts, (n,): there the quantisation repeats with the motion."""
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d
-
-    if count <= 0.0:
-        return np.zeros(position.size, dtype=bool)
-    width = 2 * round(0.5 * FEW_COUNTS_S / period) + 1
-    travel = maximum_filter1d(position, width) - minimum_filter1d(position, width)
-    return np.asarray(travel < (FEW_COUNTS + 0.5) * count)
 
 
 def derive(signals: JointSignals, gear_ratio: float, spectral: Spectral) -> Derived:

@@ -19,6 +19,8 @@ delay of the gauge is one number in the rotor and the link balance."""
 LONGEST_DAMPING = 0.02
 BANDS = ((80.0, 122.0), (38.0, 60.0), (25.0, 40.0), (15.0, 24.0), (8.0, 13.0))
 """Hz, flat and zero, of the transmission."""
+ANGLES: dict[str, tuple[int, ...]] = {"motor_position": (1,), "joint_position": (1,)}
+"""Angles of the transmission, with the harmonics of their counts that matter."""
 TOP_SNR = 3.0
 """Power of the torque over the stiffness over that of the torsion's noise, at the top of the band."""
 FAST = "fast_torque"

@@ -10,13 +10,11 @@ import numpy as np
 
 from hd_control.analysis.bands import FloatArray, band_for
 from hd_control.analysis.channels import Channel, JointEquations
+from hd_control.analysis.counts import noisy_rows
 from hd_control.analysis.fit import Fit, RawRows
-from hd_control.analysis.joint_states import BoolArray, count_tone, few_counts, quantum
 from hd_control.analysis.orders import OrderRecord, channel_record
-from hd_control.analysis.torsion import BANDS, torsion_base
+from hd_control.analysis.torsion import ANGLES, BANDS, torsion_base
 from hd_control.drive.effect import TRANSMISSION
-
-MOST_NOISY = 0.6
 
 
 def order_record(fit: Fit, name: str, coefficients: FloatArray) -> OrderRecord:
@@ -41,14 +39,6 @@ def with_wide_transmission(equations: JointEquations) -> JointEquations:
     every = np.ones(time.size, dtype=bool)
     wide = Channel(TRANSMISSION, band, spectral, time, every, left, base, None, old.snr, old.damping_time)
     valid = ~wide.blurred(~equations.derived.usable)
-    wide = replace(wide, valid=valid, noisy=_tones(equations, wide, valid))
+    noisy = noisy_rows(equations.derived, spectral.period, band, valid, ANGLES)
+    wide = replace(wide, valid=valid, noisy=noisy)
     return replace(equations, channels={**equations.channels, TRANSMISSION: wide})
-
-
-def _tones(equations: JointEquations, wide: Channel, valid: BoolArray) -> BoolArray:
-    """Rows at which the encoder's counts are a tone in the band; none if that were most rows."""
-    angle, period = equations.derived.filled["motor_position"], equations.spectral.period
-    count, step = quantum(angle), wide.band.step
-    noisy = count_tone(equations.derived.motor_velocity[::step], count, period, wide.band.zero)
-    noisy |= few_counts(angle, count, period)[::step]
-    return noisy if valid.any() and noisy[valid].mean() <= MOST_NOISY else np.zeros_like(noisy)

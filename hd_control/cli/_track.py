@@ -60,13 +60,14 @@ def _attempt(arguments: argparse.Namespace, output: Path, lockstep: bool) -> dic
     import shutil
 
     from hd_control.cli.options import say
+    from hd_control.nodes.loop_statistics import missed_percent
 
     if arguments.force:
         shutil.rmtree(output, ignore_errors=True)
     window_ns, nodes, stopped = _live(arguments, output, lockstep)
     whole, written = _read(output)
     tracking, picture = whole.within(*window_ns), _draw(arguments, whole, output)
-    missed = missed_percent(nodes)
+    missed = missed_percent(nodes.get("plant_node", {}))
     statistics = [*node_lines(nodes), f"missed ticks: {missed:.2f} %"]
     table = [f"stopped: {stopped}"] if stopped else tracking_lines(tracking, window_ns)
     for line in (*table, "", *statistics, *written):
@@ -195,10 +196,3 @@ def node_lines(nodes: dict[str, dict[str, str]]) -> list[str]:
         cells = [f"{float(values[name]):.0f}" if name in values else "-" for name in wanted]
         lines.append(f"{node:16}" + "".join(f"{cell:>12}" for cell in cells))
     return lines
-
-
-def missed_percent(nodes: dict[str, dict[str, str]]) -> float:
-    """Ticks at which the plant had to hold an old command, or that it overslept, per hundred."""
-    plant = nodes.get("plant_node", {})
-    ticks = float(plant.get("ticks", 0)) + float(plant.get("skipped", 0))
-    return 100.0 * (float(plant.get("late", 0)) + float(plant.get("skipped", 0))) / ticks if ticks else 0.0

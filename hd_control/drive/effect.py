@@ -125,6 +125,10 @@ class Context:
     extra: Mapping[str, float] = field(default_factory=dict)
 
 
+TORSION_FAMILY = "torsion over torque"
+"""Laws of the torsion over the torque of the spring, with a loop or without."""
+
+
 class Effect(ABC):
     """A physical effect. Subclasses are final, hold no state and define the class variables and class methods below."""
 

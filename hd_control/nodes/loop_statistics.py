@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from array import array
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,13 @@ from numpy.typing import NDArray
 RING = 1024
 """Ticks that percentiles are taken over: the last second at 1 kHz, and cheap enough to sort beside the loop."""
 PLAUSIBLE_AGE_NS = 10_000_000_000
+
+
+def missed_percent(plant: Mapping[str, str]) -> float:
+    """Ticks at which the plant had to hold an old command, or that it overslept, per hundred; from its diagnostics."""
+    skipped, late = float(plant.get("skipped", 0)), float(plant.get("late", 0))
+    ticks = float(plant.get("ticks", 0)) + skipped
+    return 100.0 * (late + skipped) / ticks if ticks else 0.0
 
 
 class LoopStatistics:

@@ -55,7 +55,8 @@ class ReplayPublisher:
         """Publishes every tick; returns how many were answered with a command.
 
         `rate`: ticks per period on the clock. `stepped`: the next tick goes out when the present one is answered.
-        Raises HdError if that takes longer than some seconds, or if nobody listens within ten.
+        Raises HdError without an answer in `ANSWER_TIMEOUT` s, or if nobody listens within `LISTENER_TIMEOUT`. The
+        first tick is asked again up to `FIRST_TRIES` times: a graph that has just met may lose it.
         """
         self._wait_for_listener()
         begin, step = time.monotonic(), self.bag.period / rate
@@ -67,7 +68,7 @@ class ReplayPublisher:
             self._answered.clear()
             self._publish(row, self._awaited)
             answered = not stepped or self._answered.wait(ANSWER_TIMEOUT)
-            tries = 0 if row else FIRST_TRIES  # the graph may lose the first one at its start
+            tries = 0 if row else FIRST_TRIES
             while not answered and tries > 0:
                 self._publish(row, self._awaited)
                 answered, tries = self._answered.wait(ANSWER_TIMEOUT), tries - 1

@@ -15,6 +15,7 @@ from types import TracebackType
 from typing import Any
 
 from hd_control.core.errors import HdError
+from hd_control.nodes.loop_statistics import missed_percent
 from hd_control.nodes.run_plan import RunPlan
 from hd_control.nodes.session import Session
 from hd_control.story.plan import StoryPlan
@@ -93,7 +94,7 @@ class LiveRobot:
         self._check()
         session.deactivate()
         first, last = (round(round(time / period + shift) * period * 1e9) for time in plan.window)
-        return Phase(name, self._folder / name, (first, last), _missed(world))
+        return Phase(name, self._folder / name, (first, last), missed_percent(world))
 
     def _activate(self, bag: Path, attach: list[str]) -> int:
         """Activates all nodes, the recorder with a new bag; returns the first tick of the phase."""
@@ -164,10 +165,3 @@ def _by_executable(story: StoryPlan, in_one: bool) -> dict[str, dict[str, Any]]:
         return {node: dict(own) for node, own in story.values.items()}
     pairs = ((node.removesuffix("_node"), own) for node, own in story.values.items())
     return {"chain": {f"{stage}.{name}": value for stage, own in pairs for name, value in own.items()}}
-
-
-def _missed(world: dict[str, str]) -> float:
-    """Ticks at which the plant had to hold an old command, or that it overslept, per hundred."""
-    skipped, late = float(world.get("skipped", 0)), float(world.get("late", 0))
-    ticks = float(world.get("ticks", 0)) + skipped
-    return 100.0 * (late + skipped) / ticks if ticks else 0.0

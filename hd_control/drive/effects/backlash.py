@@ -14,6 +14,7 @@ from typing import final
 import numpy as np
 
 from hd_control.drive.effect import (
+    TORSION_FAMILY,
     TRANSMISSION,
     BoolArray,
     Columns,
@@ -38,7 +39,7 @@ class Backlash(Effect):
     name = "backlash"
     title = "backlash"
     evidence = "jumps with the sign of the joint torque and is flat elsewhere"
-    family = "torsion over torque"
+    family = TORSION_FAMILY
     parameters = (
         EffectParameter("half_gap", "rad", "half of the gap, at the joint", low=0.0),
         EffectParameter(

@@ -18,6 +18,7 @@ from typing import final
 import numpy as np
 
 from hd_control.drive.effect import (
+    TORSION_FAMILY,
     TRANSMISSION,
     Columns,
     Confusion,
@@ -59,7 +60,7 @@ class NonlinearStiffness(Effect):
     name = "nonlinear_stiffness"
     title = "nonlinear torsional stiffness"
     evidence = "depends on the joint torque alone, as a curve without a loop"
-    family = "torsion over torque"
+    family = TORSION_FAMILY
     parameters = (
         EffectParameter("stiffness_cubic", "N m/rad^3", "m2 of tau = k delta + m2 delta^3", linear=False, default=0.0),
         EffectParameter("windup_depth", "rad", "lost motion of the soft zone, on each side", linear=False, default=0.0),

@@ -17,6 +17,7 @@ from typing import final
 import numpy as np
 
 from hd_control.drive.effect import (
+    TORSION_FAMILY,
     TRANSMISSION,
     Columns,
     Confusion,
@@ -46,7 +47,7 @@ class TorsionalHysteresis(Effect):
     evidence = (
         "lags behind the joint torque by a constant amount after each reversal of the torque, independent of speed"
     )
-    family = "torsion over torque"
+    family = TORSION_FAMILY
     parameters = (
         EffectParameter(
             "hysteresis_stiffness", "N m/rad", "A: added stiffness right after a reversal", low=0.0, linear=False
