@@ -22,6 +22,11 @@ pytestmark = pytest.mark.process
 ROOT = Path(__file__).resolve().parents[2]
 
 
+def hear_ctrl_c() -> None:
+    """In the child: a suite that a script starts in the background inherits a Ctrl-C that is ignored."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def test_f18_killed_torque_node_stops_the_plant_in_ten_ticks_and_latches(tmp_path: Path) -> None:
     """In a namespace, so that relative names are tested as well."""
     folder = {"black_box_folder": str(tmp_path / "boxes")}
@@ -74,6 +79,7 @@ def test_ctrl_c_leaves_no_process(tmp_path: Path) -> None:
         text=True,
         env=child_environment(),
         cwd=ROOT,
+        preexec_fn=hear_ctrl_c,
     )
     assert process.stdout is not None
     pids = [int(text) for text in process.stdout.readline().split()]

@@ -18,7 +18,14 @@ def test_ctrl_c_leaves_no_process_and_names_what_is_kept(tmp_path: Path) -> None
     folder = tmp_path / "demo"
     command = [sys.executable, "-m", "hd_control.cli.main", "demo", "--lockstep", "--single-joint", "-o", str(folder)]
     environment = {**os.environ, "XDG_RUNTIME_DIR": str(tmp_path), "PYTHONUNBUFFERED": "1"}
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # ignored in a suite in the background
+    )
     assert process.stdout is not None
     for line in process.stdout:
         if "excitation:" in line:
