@@ -6,11 +6,15 @@ from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
+from hd_control import _monitors
+from hd_control.control import torque
 from hd_control.control.guard_limits import SafetyLimits
 from hd_control.core.blocks import Block, FloatArray, Layout, layout_of
 from hd_control.core.faults import Action, Fault, FaultCode
 
+IntArray = NDArray[np.int64]
 ESTIMATES: Mapping[str, str] = {
     "coulomb_torque": "coulomb_torque",
     "friction_offset": "friction_offset",
@@ -66,14 +70,25 @@ def gauge_rail(torque: FloatArray, run: FloatArray, limits: Block) -> tuple[Floa
     `limits`: GuardLimits. Returns the new run lengths and faults.
     """
     rail = RAIL_SHARE * limits.gauge_rail
+    if _monitors.all_below(torque, rail):
+        return np.zeros(run.size), []
     free = np.abs(torque) < rail
-    if free.all():
-        return 0.0 * run, []
     run = np.where(free | np.isnan(torque), 0.0, run + 1.0)
     return run, [
         Fault(FaultCode.GAUGE_RAIL, int(j), float(torque[j]), float(limits.gauge_rail[j]), Action.DEGRADE)
         for j in np.flatnonzero(run >= limits.rail_degrade_samples)
     ]
+
+
+@lru_cache
+def _places(joints: int) -> tuple[IntArray, IntArray, IntArray]:
+    """Where estimates lie in the array of the law's state, their bounds in that of its parameters: (5, n) each."""
+    parameters, state = torque.layout("TorqueParams", joints).slices, torque.layout("TorqueState", joints).slices
+    return (
+        np.array([np.r_[state[name]] for name in ESTIMATES]),
+        np.array([np.r_[parameters[f"{stem}_low"]] for stem in ESTIMATES.values()]),
+        np.array([np.r_[parameters[f"{stem}_high"]] for stem in ESTIMATES.values()]),
+    )
 
 
 def watch(
@@ -83,24 +98,20 @@ def watch(
 
     An estimate at its bound is normal work of the projection. It becomes a fault when it lasts and the error grows.
     """
-    new = memory.copy()
-    n = state.joints
+    new, n = memory.copy(), state.joints
     with np.errstate(invalid="ignore"):
         error = np.abs(reference[n : 2 * n] - sample.joint_position)
-    error = np.where(np.isfinite(error), error, memory.error)
-    new.error = memory.error + (error - memory.error) / ERROR_SAMPLES
-    at_bound = np.zeros(n, dtype=bool)
-    for name, stem in ESTIMATES.items():
-        value = state.view(name)
-        low, high = params.view(f"{stem}_low"), params.view(f"{stem}_high")
-        at_bound |= ((value <= low) | (value >= high)) & (low < high)
-    began = at_bound & (memory.time_at_bound == 0.0)
-    new.error_at_bound = np.where(began, new.error, memory.error_at_bound)
-    new.time_at_bound = np.where(at_bound, memory.time_at_bound + dt, 0.0)
-    long = (new.time_at_bound > limits.adaptation_time) & (new.error > SMALLEST_ERROR)
+    mean, since, error_then = new.error, new.time_at_bound, new.error_at_bound
+    mean += np.where(np.isfinite(error), error - mean, 0.0) / ERROR_SAMPLES
+    own, low_at, high_at = _places(n)
+    values, low, high = state.array[own], params.array[low_at], params.array[high_at]
+    at_bound = (((values <= low) | (values >= high)) & (low < high)).any(axis=0)
+    np.copyto(error_then, mean, where=at_bound & (since == 0.0))
+    since[:] = np.where(at_bound, since + dt, 0.0)
+    long = (since > limits.adaptation_time) & (mean > SMALLEST_ERROR)
     if not long.any():
         return new, []
-    growth = new.error / np.fmax(new.error_at_bound, SMALLEST_ERROR / STOP_GROWTH)
+    growth = mean / np.fmax(error_then, SMALLEST_ERROR / STOP_GROWTH)
     found = []
     for j in np.flatnonzero(long & (growth >= DEGRADE_GROWTH)):
         action = Action.CONTROLLED_STOP if growth[j] >= STOP_GROWTH else Action.DEGRADE

@@ -10,16 +10,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hd_control import _monitors
 from hd_control.core.blocks import Block, FloatArray
 from hd_control.core.faults import Action, Fault, FaultCode
 
 BoolArray = NDArray[np.bool_]
 ENCODER, RESOLVER, GAUGE = range(3)
 RAIL_SHARE = 0.99
+WHOLE_TURN = 2.0 * math.pi
+"""rad of the motor shaft over which the residual is integrated."""
 LONGEST_WAY = 2.5 * math.pi
 """rad of the motor shaft within which a net turn must come about."""
 LARGEST_STEP = 0.3
@@ -42,6 +46,16 @@ class SensorLimits:
     disagree_samples: float
     frozen_samples: float
     rail_samples: float
+
+    @cached_property
+    def gauge_free(self) -> FloatArray:
+        """Smaller gauge readings (n,) N m are not at the rail."""
+        return RAIL_SHARE * self.gauge_rail
+
+    @cached_property
+    def gauge_motion(self) -> FloatArray:
+        """Motor motion (n,) rad that a gauge cannot sleep through."""
+        return MOVED_COUNTS * self.twist_limit
 
     @classmethod
     def from_block(cls, limits: Block) -> SensorLimits:
@@ -95,13 +109,13 @@ def screen(
 
     `period` (3, n): counters wrap at it; None: none does.
     """
-    predicted = memory.last + memory.slope
+    follow, slope = _monitors.readings_follow(reading, memory.last, memory.slope, limit, period)
+    if follow:
+        copy = reading.copy()
+        return reading, Screen(copy, slope, copy, np.zeros(slope.shape)), []
+    predicted, raw = memory.last + memory.slope, _finite(reading)
     change = modular(reading - predicted, period)
     good = np.abs(change) <= limit
-    if good.all():
-        slope = modular(reading - memory.last, period)
-        return reading, Screen(reading.copy(), slope, memory.raw, np.zeros_like(slope)), []
-    raw = _finite(reading)
     bad = np.where(good, 0.0, memory.bad + 1.0)
     gone = bad >= allowed_bad
     stays = gone & (np.abs(modular(raw - memory.raw, period)) <= limit)
@@ -130,25 +144,26 @@ def frozen(
     gauge: FloatArray, position: FloatArray, memory: Frozen, limits: SensorLimits
 ) -> tuple[BoolArray, Frozen, list[Fault]]:
     """F03 for the gauge: equal readings while the motor moved by much more than a torque could hide."""
-    same = gauge == memory.reading
-    if not same.any():
-        return same, Frozen(gauge.copy(), 0.0 * memory.repeats, position.copy()), []
-    repeats = np.where(same, memory.repeats + 1.0, 0.0)
-    start = np.where(same, memory.position, position)
-    moved = np.abs(position - start) > MOVED_COUNTS * limits.twist_limit
-    found = moved & (repeats >= limits.frozen_samples)
+    moved, samples = limits.gauge_motion, limits.frozen_samples
+    ordinary, repeats, start = _monitors.gauge_changes(
+        gauge, position, memory.reading, memory.repeats, memory.position, moved, samples
+    )
+    new = Frozen(gauge.copy(), repeats, start)
+    if ordinary:
+        return np.zeros(gauge.size, dtype=bool), new, []
+    found = (np.abs(position - start) > moved) & (repeats >= samples)
     faults = [
-        Fault(FaultCode.VALUE_FROZEN, int(j), float(repeats[j]), float(limits.frozen_samples), Action.CONTROLLED_STOP)
+        Fault(FaultCode.VALUE_FROZEN, int(j), float(repeats[j]), float(samples), Action.CONTROLLED_STOP)
         for j in np.flatnonzero(found)
     ]
-    return found, Frozen(gauge.copy(), repeats, start), faults
+    return found, new, faults
 
 
 def at_rail(gauge: FloatArray, run: FloatArray, limits: SensorLimits) -> tuple[BoolArray, FloatArray, list[Fault]]:
     """F08: readings at the rail of the gauge. Which joints stop (n,), the new run lengths (n,), faults."""
-    free = np.abs(gauge) < RAIL_SHARE * limits.gauge_rail
-    if free.all():
-        return ~free, 0.0 * run, []
+    if _monitors.all_below(gauge, limits.gauge_free):
+        return np.zeros(gauge.size, dtype=bool), np.zeros(run.size), []
+    free = np.abs(gauge) < limits.gauge_free
     run = np.where(free | np.isnan(gauge), 0.0, run + 1.0)
     stops = run >= limits.rail_samples
     faults = [
@@ -168,10 +183,10 @@ def disagree(
     motor: FloatArray, joint: FloatArray, run: FloatArray, limits: SensorLimits
 ) -> tuple[BoolArray, FloatArray, list[Fault]]:
     """F07: motor and joint position further apart than any twist. Which joints stop, the new run lengths, faults."""
+    if _monitors.all_near(motor, joint, limits.twist_limit):
+        return np.zeros(motor.size, dtype=bool), np.zeros(run.size), []
     difference = motor - joint
     near = np.abs(difference) <= limits.twist_limit
-    if near.all():
-        return ~near, 0.0 * run, []
     run = np.where(near | np.isnan(difference), 0.0, run + 1.0)
     stops = run >= limits.disagree_samples
     faults = [
@@ -218,25 +233,23 @@ def redundancy(
     and nothing is called healthy.
     """
     step = motor_shaft - memory.angle
-    if not (np.isfinite(step).all() and np.isfinite(residual).all()):
+    if not (_monitors.all_finite(step) and _monitors.all_finite(residual)):
         return replace(first_redundancy(motor_shaft), mean=memory.mean, ripple=memory.ripple), []
-    twice = 2.0 * gauge_angle
-    terms = np.stack([residual, residual * np.cos(twice), residual * np.sin(twice)])
-    before = np.where(np.isnan(memory.terms), terms, memory.terms)
-    sums = memory.sums + np.vstack([0.5 * (before + terms) * step, np.abs(step)])
-    travel = memory.travel + step
-    whole = np.abs(travel) >= 2.0 * np.pi
-    # Motion to and fro adds the hysteresis of every loop, fast motion steps over the ripple: the sums begin anew.
-    astray = (~whole & (sums[3] > LONGEST_WAY)) | (np.abs(step) > LARGEST_STEP)
-    whole &= ~astray
+    ordinary, terms, sums, travel = _monitors.sum_turn(
+        residual, motor_shaft, gauge_angle, memory.angle, memory.terms, memory.sums, memory.travel,
+        WHOLE_TURN, LONGEST_WAY, LARGEST_STEP,
+    )  # fmt: skip
     mean, ripple, faults = memory.mean, memory.ripple, []
-    if whole.any():
+    if not ordinary:
+        whole = np.abs(travel) >= WHOLE_TURN
+        # Motion to and fro adds the hysteresis of every loop, fast motion steps over the ripple: the sums begin anew.
+        astray = (~whole & (sums[3] > LONGEST_WAY)) | (np.abs(step) > LARGEST_STEP)
+        whole &= ~astray
         way = np.where(whole, travel, 1.0)
         mean = np.where(whole, sums[0] / way, mean)
         ripple = np.where(whole, 2.0 * np.hypot(sums[1], sums[2]) / np.abs(way), ripple)
         faults = _judge_turn(whole, mean, ripple, limits)
-    over = whole | astray
-    if over.any():
+        over = whole | astray
         travel, sums = np.where(over, 0.0, travel), np.where(over, 0.0, sums)
     return Redundancy(motor_shaft.copy(), terms, travel, sums, mean, ripple), faults
 

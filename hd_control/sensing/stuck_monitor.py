@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hd_control import _monitors
 from hd_control.core.blocks import FloatArray
 from hd_control.core.faults import Action, Fault, FaultCode
 
@@ -46,14 +47,14 @@ def stuck(
     known kinematic error. `samples` equal readings and more than `limit` (n,) rad of expected motion stop the robot;
     `step` samples lie between two calls. Numbers that are not finite expect nothing.
     """
-    expected = np.stack([positions[RESOLVER] + twist, positions[ENCODER] - twist])
-    same = positions == memory.reading
-    repeats = np.where(same, memory.repeats + step, 0.0)
-    start = np.where(same & np.isfinite(memory.expected), memory.expected, expected)
-    other = np.where(same, memory.other, positions[::-1])
-    moved = np.where(repeats >= samples, np.minimum(np.abs(expected - start), np.abs(positions[::-1] - other)), 0.0)
+    ordinary, repeats, expected, other, moved = _monitors.missed_motion(
+        positions, twist, memory.reading, memory.repeats, memory.expected, memory.other, samples, limit, step
+    )
+    new, most = Stuck(positions.copy(), repeats, expected, other), moved.max(axis=0)
+    if ordinary:
+        return most, new, []
     faults = [
         Fault(FaultCode.VALUE_FROZEN, int(j), float(repeats[s, j]), samples, Action.CONTROLLED_STOP)
         for s, j in np.argwhere(moved > limit)
     ]
-    return moved.max(axis=0), Stuck(positions.copy(), repeats, start, other), faults
+    return most, new, faults

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hd_control import _monitors
 from hd_control.control import adaptation_monitor as adaptation
 from hd_control.control import torque
 from hd_control.control.guard import Guard, Mode
@@ -123,7 +124,7 @@ class TorqueStage(Stage):
     def _checked(self, command: FloatArray) -> FloatArray:
         """The command; not a number for joints with an input that is not finite, which a law might clip."""
         used, reference = self._used_sample, self.reference_array
-        if np.isfinite(used).all() and np.isfinite(reference).all():
+        if _monitors.all_finite(used) and _monitors.all_finite(reference):
             return command
         n = command.size
         finite = np.isfinite(used.reshape(-1, n)).all(axis=0) & np.isfinite(reference.reshape(-1, n)).all(axis=0)
