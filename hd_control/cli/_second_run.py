@@ -1,7 +1,8 @@
-"""The half of the test suite that only calculates, in a process of its own beside the half that starts nodes."""
+"""The half of the test suite that only calculates, in processes of its own beside the half that starts nodes."""
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import subprocess
@@ -18,6 +19,13 @@ LOW = 15
 """Nice value of the calculating half."""
 
 
+def _spread() -> list[str]:
+    """Options that spread the files over all processors: the live half leaves one and a half of two unused."""
+    if importlib.util.find_spec("xdist") is None:
+        return []
+    return ["-n", str(os.cpu_count() or 1), "--dist", "loadfile"]
+
+
 class SecondRun:
     """Starts `hd test` on the calculating folders; `finish` prints what it said and returns its document."""
 
@@ -26,7 +34,7 @@ class SecondRun:
         self._place = tempfile.TemporaryDirectory(prefix="hd_test_")
         self._document = Path(self._place.name) / "outcome.json"
         self._log = Path(self._place.name) / "log"
-        command = [sys.executable, "-m", "hd_control.cli.main", "test", "--json", str(self._document), *options]
+        command = [sys.executable, "-m", "hd_control.cli.main", "test", "--json", str(self._document), *options, *_spread()]
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(
                 [*command, *map(str, self.folders)], cwd=root, stdout=log, stderr=subprocess.STDOUT
