@@ -34,11 +34,10 @@ class SecondRun:
         self._place = tempfile.TemporaryDirectory(prefix="hd_test_")
         self._document = Path(self._place.name) / "outcome.json"
         self._log = Path(self._place.name) / "log"
-        command = [sys.executable, "-m", "hd_control.cli.main", "test", "--json", str(self._document), *options, *_spread()]
+        command = [sys.executable, "-m", "hd_control.cli.main", "test", "--json", str(self._document)]
         with self._log.open("wb") as log:
-            self._process = subprocess.Popen(
-                [*command, *map(str, self.folders)], cwd=root, stdout=log, stderr=subprocess.STDOUT
-            )
+            command += [*options, *_spread(), *map(str, self.folders)]
+            self._process = subprocess.Popen(command, cwd=root, stdout=log, stderr=subprocess.STDOUT)
         os.setpriority(os.PRIO_PROCESS, self._process.pid, LOW)  # live nodes come first
 
     @staticmethod

@@ -36,10 +36,9 @@ std::tuple<bool, Array> readings_follow(const Array& reading, const Array& last,
                                         const std::optional<Array>& period) {
     const py::ssize_t size = reading.size();
     Array new_slope(std::vector<py::ssize_t>(reading.shape(), reading.shape() + reading.ndim()));
-    const bool follow = hd::readings_follow(reading.data(), numbers(last, size, "last"), numbers(slope, size, "slope"),
-                                            numbers(limit, size, "limit"),
-                                            period ? numbers(*period, size, "period") : nullptr,
-                                            new_slope.mutable_data(), static_cast<int>(size));
+    const bool follow = hd::readings_follow(
+        reading.data(), numbers(last, size, "last"), numbers(slope, size, "slope"), numbers(limit, size, "limit"),
+        period ? numbers(*period, size, "period") : nullptr, new_slope.mutable_data(), static_cast<int>(size));
     return {follow, new_slope};
 }
 
@@ -49,11 +48,11 @@ std::tuple<bool, Array, Array, Array> sum_turn(const Array& residual, const Arra
                                                double largest_step) {
     const py::ssize_t n = residual.size();
     Array new_terms({py::ssize_t{3}, n}), new_sums({py::ssize_t{4}, n}), new_travel(n);
-    const bool ordinary = hd::sum_turn(
-        residual.data(), numbers(shaft, n, "shaft"), numbers(gauge_angle, n, "gauge_angle"),
-        numbers(last_shaft, n, "last_shaft"), numbers(terms, 3 * n, "terms"), numbers(sums, 4 * n, "sums"),
-        numbers(travel, n, "travel"), {whole, longest_way, largest_step}, new_terms.mutable_data(),
-        new_sums.mutable_data(), new_travel.mutable_data(), static_cast<int>(n));
+    const bool ordinary =
+        hd::sum_turn(residual.data(), numbers(shaft, n, "shaft"), numbers(gauge_angle, n, "gauge_angle"),
+                     numbers(last_shaft, n, "last_shaft"), numbers(terms, 3 * n, "terms"), numbers(sums, 4 * n, "sums"),
+                     numbers(travel, n, "travel"), {whole, longest_way, largest_step}, new_terms.mutable_data(),
+                     new_sums.mutable_data(), new_travel.mutable_data(), static_cast<int>(n));
     return {ordinary, new_terms, new_sums, new_travel};
 }
 
@@ -64,12 +63,12 @@ std::tuple<bool, Array, Array, Array, Array> missed_motion(const Array& position
     const py::ssize_t n = twist.size(), both = 2 * n;
     const auto pair = [n] { return Array({py::ssize_t{2}, n}); };
     Array new_repeats = pair(), new_expected = pair(), new_other = pair(), moved = pair();
-    const bool ordinary = hd::missed_motion(
-        numbers(positions, both, "positions"), twist.data(),
-        {numbers(reading, both, "reading"), numbers(repeats, both, "repeats"), numbers(expected, both, "expected"),
-         numbers(other, both, "other")},
-        samples, numbers(limit, n, "limit"), step, new_repeats.mutable_data(), new_expected.mutable_data(),
-        new_other.mutable_data(), moved.mutable_data(), static_cast<int>(n));
+    const bool ordinary = hd::missed_motion(numbers(positions, both, "positions"), twist.data(),
+                                            {numbers(reading, both, "reading"), numbers(repeats, both, "repeats"),
+                                             numbers(expected, both, "expected"), numbers(other, both, "other")},
+                                            samples, numbers(limit, n, "limit"), step, new_repeats.mutable_data(),
+                                            new_expected.mutable_data(), new_other.mutable_data(), moved.mutable_data(),
+                                            static_cast<int>(n));
     return {ordinary, new_repeats, new_expected, new_other, moved};
 }
 
@@ -78,10 +77,10 @@ std::tuple<bool, Array, Array> gauge_changes(const Array& gauge, const Array& po
                                              double samples) {
     const py::ssize_t n = gauge.size();
     Array new_repeats(n), new_start(n);
-    const bool ordinary = hd::gauge_changes(gauge.data(), numbers(position, n, "position"),
-                                            numbers(reading, n, "reading"), numbers(repeats, n, "repeats"),
-                                            numbers(start, n, "start"), numbers(limit, n, "limit"), samples,
-                                            new_repeats.mutable_data(), new_start.mutable_data(), static_cast<int>(n));
+    const bool ordinary =
+        hd::gauge_changes(gauge.data(), numbers(position, n, "position"), numbers(reading, n, "reading"),
+                          numbers(repeats, n, "repeats"), numbers(start, n, "start"), numbers(limit, n, "limit"),
+                          samples, new_repeats.mutable_data(), new_start.mutable_data(), static_cast<int>(n));
     return {ordinary, new_repeats, new_start};
 }
 
