@@ -147,7 +147,7 @@ def _check_extrema(goal: Goal, path: Path, limits: GoalLimits) -> None:
 
 def _check_corners(path: Path, limits: GoalLimits) -> None:
     """Straight lines meet in steps of velocity; each counts as an acceleration over one sample."""
-    before = _state(path, np.diff(path.knots) * path.period)[1]
+    before = _state(_columns(path), np.diff(path.knots) * path.period)[1]
     after = np.concatenate([path.coefficients[1:, :, 1], np.zeros((1, before.shape[1]))])
     corner = np.abs(after - before) / path.period
     over = corner > limits.acceleration + ROUNDING * (1.0 / path.period)
@@ -160,9 +160,13 @@ def _check_corners(path: Path, limits: GoalLimits) -> None:
         raise refusal("acceleration_limit", limits.robot.joint_names[joint], what, "Give velocities at the points")
 
 
-def _state(path: Path, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Position, velocity, acceleration (s, n) of every segment at its own time t (s,)."""
-    c = np.moveaxis(path.coefficients, 2, 0)
+def _columns(path: Path) -> FloatArray:
+    """The coefficients (6, s, n), each power in one run of memory."""
+    return np.ascontiguousarray(np.moveaxis(path.coefficients, 2, 0))
+
+
+def _state(c: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Position, velocity, acceleration (s, n) of every segment at its own time t (s,). `c`: `_columns` of the path."""
     x = t[:, None]
     return (
         c[0] + x * (c[1] + x * (c[2] + x * (c[3] + x * (c[4] + x * c[5])))),
@@ -172,11 +176,11 @@ def _state(path: Path, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArra
 
 
 def _check_torque(goal: Goal, path: Path, limits: GoalLimits) -> None:
-    lengths = np.diff(path.knots) * path.period
+    lengths, columns = np.diff(path.knots) * path.period, _columns(path)
     for share in np.linspace(0.0, 1.0, min(max(3, 1 + TORQUE_SAMPLES // max(1, len(lengths))), 41)):
         if share == 0.0 and goal.order == 5:
             continue  # accelerations are continuous: the end of the segment before
-        torque = rigid_torque(limits.robot, *_state(path, share * lengths))
+        torque = rigid_torque(limits.robot, *_state(columns, share * lengths))
         over = np.abs(torque) > limits.torque
         if np.any(over):
             segment, joint = (int(x) for x in np.argwhere(over)[0])

@@ -10,20 +10,19 @@ from pathlib import Path
 
 import numpy as np
 from counts import SEED, count, enough
+from goal_cases import LIMITS, NAMES, Q0, follower_at
 from results import write_result
+
+from hd_control.control.goal_check import check_goal
+from hd_control.control.path import Goal
 
 ROOT = Path(__file__).resolve().parents[2]
 CASES, REPEATS = 20_000, 20
-TEST = "test/control/test_goal_check.py::test_feasible_goals_are_accepted_and_infeasible_ones_refused"
+TEST = "test/control/test_goal_check_random.py::test_feasible_goals_are_accepted_and_infeasible_ones_are_refused"
 
 
 def milliseconds_per_thousand_points():
     """CPU time of one check of a goal of 1000 points, the smallest of some: others share the computer."""
-    from test_goal_check import LIMITS, NAMES, Q0, _follower
-
-    from hd_control.control.goal_check import check_goal
-    from hd_control.control.path import Goal
-
     times = 0.01 * np.arange(1, 1001)
     positions = Q0 + 0.05 * (1.0 - np.cos(2.0 * np.pi * times / 10.0))[:, None]
     speeds = 0.05 * 0.2 * np.pi * np.sin(2.0 * np.pi * times / 10.0)[:, None] * np.ones(7)
@@ -31,7 +30,7 @@ def milliseconds_per_thousand_points():
     goal, spent = Goal(NAMES, times, positions, speeds), []
     for _ in range(REPEATS):
         start = time.process_time()
-        check_goal(goal, _follower(), LIMITS, Q0, 0)
+        check_goal(goal, follower_at(), LIMITS, Q0, 0)
         spent.append(time.process_time() - start)
     return 1e3 * min(spent)
 

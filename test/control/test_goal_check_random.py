@@ -54,7 +54,7 @@ def _dense_extremes(goal, present, blend_time):
     joint=st.integers(0, 6),
     slack=st.sampled_from([0.5, 0.9, 0.999, 1.0, 1.0005, 1.01, 2.0]),
 )
-def test_feasible_goals_are_accepted_and_infeasible_onesrefused(seed, order, first, kind, joint, slack):
+def test_feasible_goals_are_accepted_and_infeasible_ones_are_refused(seed, order, first, kind, joint, slack):
     """Limits are set around the dense oracle's extremes, one of them tight.
 
     160 samples a segment see a peak to about 1e-4 of it, so between 0.9995 and 1 of the limit either answer is right.
