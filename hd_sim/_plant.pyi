@@ -1,4 +1,5 @@
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,6 +28,9 @@ class Kernel:
     def step_many(
         self, commands: ArrayLike, samples: bool, truths: bool
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+    def run_loop(
+        self, given: Mapping[str, Any], first: int, ticks: int
+    ) -> tuple[int, NDArray[np.float64], NDArray[np.float64]]: ...
     def sample(self) -> NDArray[np.float64]: ...
     def truth(self) -> NDArray[np.float64]: ...
     def brake(self, engage: bool) -> None: ...

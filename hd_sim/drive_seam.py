@@ -52,10 +52,10 @@ class DriveSeam:
         self._sensed = False
         n, slices = limits.joints, plant.sample().layout.slices
         self._places = np.r_[slices["motor_shaft_position"], slices["joint_position"]]
-        self._positions, self._velocities = np.zeros(2 * n), np.zeros(2 * n)
+        self.positions, self.velocities = np.zeros(2 * n), np.zeros(2 * n)
         self._targets = [
             (self.guard.measured.view(f"{side}_{what}"), values[part])
-            for what, values in (("position", self._positions), ("velocity", self._velocities))
+            for what, values in (("position", self.positions), ("velocity", self.velocities))
             for side, part in (("motor", slice(0, n)), ("joint", slice(n, None)))
         ]
         self._zero_run = np.zeros(limits.joints)
@@ -137,7 +137,7 @@ class DriveSeam:
 
     def _sense(self, sample: Block) -> None:
         """Positions and velocities of the drive's own sensors, for the guard."""
-        positions, velocities = self._positions, self._velocities
+        positions, velocities = self.positions, self.velocities
         before = positions.copy()
         positions[:] = sample.array[self._places]
         positions[: len(self._gear_ratio)] /= self._gear_ratio

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -89,6 +90,11 @@ class Plant:
         """One tick per row of `commands` (ticks, n); readings of row k are taken as in `latch, sample, advance`."""
         seen, real = self._kernel.step_many(commands, samples, truth)
         return PlantRecord(self._columns("PlantSample", seen), self._columns("PlantTruth", real))
+
+    def run_loop(self, given: Mapping[str, Any], first: int, ticks: int) -> tuple[int, FloatArray, FloatArray]:
+        """Ticks of the whole closed loop, compiled: `hd_sim.closed_loop` fills `given` and reads the rows."""
+        where = self._layouts["PlantState"].slices["joint_position"].start
+        return self._kernel.run_loop({**given, "position_at": where}, first, ticks)
 
     @property
     def state(self) -> Block:

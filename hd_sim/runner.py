@@ -67,7 +67,7 @@ class Runner:
         self.fusion, self.motion, self.torque = chain.fusion, chain.motion, chain.torque
         self.stages = chain.by_node()
         self.goal_limits = GoalLimits.from_values(values["motion_node"], robot)
-        self._temperature_ticks = max(1, round(TEMPERATURE_PERIOD / dt))
+        self.temperature_ticks = max(1, round(TEMPERATURE_PERIOD / dt))
 
     def offer(self, goal: Goal) -> None:
         """Checks a goal against the present state and hands it over; without a start tick it starts with the next one.
@@ -88,7 +88,7 @@ class Runner:
         tick = self.tick
         sample = self.world.measure(tick)
         bus: Bus = sensor_arrays(sample)
-        if tick % self._temperature_ticks == 0:
+        if tick % self.temperature_ticks == 0:
             bus[topics.TEMPERATURE] = {"temperature": sample.motor_temperature}
         for _, stage in self.stages:
             bus.update(stage.step(tick, bus))

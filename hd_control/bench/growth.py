@@ -106,7 +106,7 @@ def _commands_over_rate() -> Iterator[Point]:
             whole = {name: arrays[name] for name in arrays.files}
         for rate in RATES:
             thin = {name: column if name == "joints" else column[:: 1000 // rate] for name, column in whole.items()}
-            np.savez(Path(folder) / f"{rate}.npz", **thin)  # type: ignore[arg-type] # names are those of the export
+            np.savez(Path(folder) / f"{rate}.npz", **thin)
             made = str(Path(folder) / f"bag_{rate}")
             run_hd("import", str(Path(folder) / f"{rate}.npz"), "-o", made, "--quiet")
             for command in ("compare", "diagnose"):

@@ -99,6 +99,16 @@ class Guard:
         """True after a latched stop of either kind."""
         return not self._emitting and (self.controlled or bool(self.gate.stopped != 0.0))
 
+    @property
+    def last_tick(self) -> FloatArray:
+        """Ticks (n,) of the last commands looked at."""
+        return self._tick
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Rows of the envelope (4, n): lowest and highest position, largest speed, twice the stop's deceleration."""
+        return np.stack([self.low, self.high, self._speed, self._twice_deceleration])
+
     def activate(self, applied: FloatArray) -> None:
         """Opens with the torque (n,) N m that the drive holds now. A latched stop stays latched."""
         self.gate = gate.activate(self.gate, self.limits.gate, applied)

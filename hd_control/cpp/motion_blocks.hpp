@@ -67,7 +67,7 @@ HD_BLOCK(MotionSample, HD_MOTION_SAMPLE)
 HD_BLOCK(MotionReference, HD_MOTION_REFERENCE)
 HD_BLOCK(MotionOutput, HD_MOTION_OUTPUT)
 
-enum class Law { vdc, pd, pid, computed_torque, feed_forward };
+enum class MotionLaw { vdc, pd, pid, computed_torque, feed_forward };
 
 inline Chain chain_of(const MotionParams& params, int joints) {
     return {joints, params.rotation, params.origin, *params.gravity};

@@ -8,8 +8,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "baselines.hpp"
-#include "derivative.hpp"
+#include "motion_step.hpp"
 #include "spline.hpp"
 
 namespace py = pybind11;
@@ -48,45 +47,6 @@ void check_joints(int joints) {
     if (joints < 1 || joints > MAX_JOINTS) throw std::invalid_argument("joints: 1 to 32 are supported");
 }
 
-// Reference, errors and the joint velocity that the law uses: the sample's, or by the error filter
-// dot q = dot q_d - D(q_d - q), which differentiates the error and adds the known rate back.
-void prepare(int joints, const MotionParams& params, const MotionSample& sample, const MotionReference& reference,
-             double dt, MotionOutput& out, MotionState& next) {
-    const double pole = derivative_pole(*params.derivative_cutoff, dt);
-    const bool error_filter = *params.rate_source > 0.0;
-    for (int j = 0; j < joints; ++j) {
-        const double error = reference.desired_position[j] - sample.joint_position[j];
-        if (!(*next.started > 0.0)) next.last_position_error[j] = error;
-        const double error_rate =
-            differentiate(error, next.last_position_error[j], next.position_error_rate[j], pole, dt);
-        out.desired_position[j] = reference.desired_position[j];
-        out.desired_velocity[j] = reference.desired_velocity[j];
-        out.desired_acceleration[j] = reference.desired_acceleration[j];
-        out.feed_forward_torque[j] = reference.feed_forward_torque[j];
-        out.position_error[j] = error;
-        out.joint_velocity[j] = error_filter ? reference.desired_velocity[j] - error_rate : sample.joint_velocity[j];
-        out.required_velocity[j] = reference.desired_velocity[j] + params.position_gain[j] * error;  // Zhu (31)
-        out.required_velocity_error[j] = out.required_velocity[j] - out.joint_velocity[j];
-    }
-    *next.started = 1.0;
-}
-
-void run_law(int joints, const MotionParams& params, const double* position, double dt, MotionOutput& out,
-             MotionState& next) {
-    switch (static_cast<Law>(static_cast<int>(*params.law))) {
-        case Law::pd:
-            return step_gravity_and_feedback(joints, params, position, false, dt, out, next);
-        case Law::pid:
-            return step_gravity_and_feedback(joints, params, position, true, dt, out, next);
-        case Law::computed_torque:
-            return step_computed_torque(joints, params, position, out, next);
-        case Law::feed_forward:
-            return step_feed_forward(joints, params, out, next);
-        case Law::vdc:
-            return step_vdc(joints, params, position, dt, out, next);
-    }
-}
-
 void step(const Array& params_, const Array& state_, const Array& sample_, const Array& reference_, Array output_,
           Array next_, int joints, double dt) {
     check_joints(joints);
@@ -94,21 +54,9 @@ void step(const Array& params_, const Array& state_, const Array& sample_, const
     const auto sample = reading<MotionSample>(sample_, joints, "sample");
     const auto reference = reading<MotionReference>(reference_, joints, "reference");
     const double* state = numbers(state_, MotionState::size(joints), "state");
-    auto out = writing<MotionOutput>(output_, joints, "output");
-    auto next = writing<MotionState>(next_, joints, "new state");
-    std::copy(state, state + MotionState::size(joints), next_.mutable_data());
-    std::fill(output_.mutable_data(), output_.mutable_data() + output_.size(), 0.0);
-
-    prepare(joints, params, sample, reference, dt, out, next);
-    std::copy(next.link_parameters, next.link_parameters + LINK_PARAMETERS * joints, out.link_parameters);
-    run_law(joints, params, sample.joint_position, dt, out, next);
-    bool finite = true;
-    for (int j = 0; j < joints; ++j) {
-        out.joint_torque_required[j] = out.link_torque[j] + out.rotor_torque[j] + out.velocity_feedback[j] +
-                                       out.integral[j] + out.feed_forward_torque[j];
-        finite = finite && std::isfinite(out.joint_torque_required[j]);
-    }
-    if (!finite) std::copy(state, state + MotionState::size(joints), next_.mutable_data());
+    double* output = numbers(output_, MotionOutput::size(joints), "output");
+    motion_step(params, state, sample, reference, output, numbers(next_, MotionState::size(joints), "new state"),
+                joints, dt);
 }
 
 // Joint torques of many states. rates and accelerations as in rigid_torque; all arrays (k, joints).

@@ -21,6 +21,7 @@ from hd_control.reproduce.rows import Progress
 from hd_control.reproduce.zhu_options import STARTS, Case, setup_of
 from hd_control.stages.torque_stage import TorqueStage
 from hd_sim import motions
+from hd_sim.closed_loop import ready, run_on
 from hd_sim.plant_config import PlantConfig
 from hd_sim.runner import Runner
 from hd_sim.scenario import Context, Plan, Scenario, make_plan
@@ -109,30 +110,40 @@ def started(case: Case) -> tuple[Runner, Plan]:
 
 
 def history(case: Case) -> History:
-    """Runs a case to the end of its window. Raises GoalError if the robot refuses the motion."""
+    """Runs a case to the end of its window or its stop; rows after a stop are not numbers.
+
+    The start is the whole chain with its monitors, the rest `hd_sim.closed_loop`. Raises GoalError if the robot refuses
+    the motion.
+    """
     runner, plan = started(case)
     first, last = (round(time / runner.period) for time in plan.window)
+    n, rows, states = runner.robot.joints, np.full((3, last, runner.robot.joints), np.nan), np.zeros((0, 0))
     goals, plant = dict(plan.goals), runner.world.seam.plant
-    n, rows = runner.robot.joints, np.empty((3, last, runner.robot.joints))
-    state = runner.torque.law.initial_state(runner.torque.params)
-    adaptive = state.layout.name == "TorqueState"
-    states = np.zeros((last if adaptive else 0, state.array.size))
-    for tick in range(last):
+    stopped = False
+    while runner.tick < last and not (stopped or (ready(runner) and runner.tick > max(goals))):
+        tick = runner.tick
         if tick in goals:
             runner.offer(goals[tick])
         rows[1, tick] = plant.true_joint_position
         bus = runner.step()
         rows[0, tick] = bus["joint_reference"]["position"]
         rows[2, tick] = bus["motor_torque_command"]["effort"]
-        if adaptive and runner.torque.state is not None:
-            states[tick] = runner.torque.state.array
-    params = runner.torque.params
-    assert params is not None
-    parts = {name: states[:, state.layout.slices[name]].reshape(-1, n) for name in ESTIMATES} if adaptive else {}
+        numbers = np.empty(0) if runner.torque.state is None else runner.torque.state.array
+        if states.size == 0:
+            states = np.full((last, numbers.size), np.nan)
+        states[tick] = numbers
+        # Two gates, one behind the law and one in front of the drives: either may have stopped the robot.
+        stopped = runner.world.seam.stopped or runner.torque.guard.stopped
+    if runner.tick < last and not stopped:
+        rest = run_on(runner, last - runner.tick, case.delay == 0)
+        there = slice(rest.first, runner.tick)
+        rows[:, there], states[there] = (rest.desired, rest.true_position, rest.command), rest.states
+        stopped = rest.stopped
+    params, state = runner.torque.params, runner.torque.state
+    assert params is not None and state is not None
+    parts = {name: states[:, state.layout.slices[name]].reshape(-1, n) for name in ESTIMATES}
     bounds = {name: _bounds(params, name) for name in parts}
     time: FloatArray = runner.period * np.arange(last, dtype=np.float64)
-    # Two gates, one behind the law and one in front of the drives: either may have stopped the robot.
-    stopped = runner.world.seam.stopped or runner.torque.guard.stopped
     return History(time, rows[0], rows[1], rows[2], parts, bounds, slice(first, last), bool(stopped))
 
 

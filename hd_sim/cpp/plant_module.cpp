@@ -3,6 +3,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include "closed_loop_face.hpp"
 #include "plant.hpp"
 
 namespace py = pybind11;
@@ -104,6 +105,12 @@ class Kernel {
         return py::make_tuple(seen, real);
     }
 
+    // Ordinary ticks of the whole robot; hd_sim/closed_loop.py says what `given` holds.
+    py::tuple run_loop(const py::dict& given, long first, std::size_t ticks) {
+        const auto size = static_cast<std::size_t>(size_of("PlantState"));
+        return hd_sim::run_closed_loop(*world_, size, joints_, given, first, ticks);
+    }
+
     py::tuple accelerate(const Array& q, const Array& w, const Array& torque, const Array& armature) {
         for (const Array* each : {&q, &w, &torque, &armature}) check(*each, joints_, "argument");
         Array acceleration(joints_), bias(joints_), inertia({joints_, joints_});
@@ -159,6 +166,7 @@ PYBIND11_MODULE(_plant, m) {
         .def("advance", &Kernel::advance)
         .def("step", &Kernel::step)
         .def("step_many", &Kernel::step_many)
+        .def("run_loop", &Kernel::run_loop)
         .def("sample", &Kernel::sample)
         .def("truth", &Kernel::truth)
         .def("brake", &Kernel::brake)

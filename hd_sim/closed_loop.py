@@ -1,0 +1,105 @@
+"""The rest of an ordinary run at once: the runner's own world and laws in one compiled loop, bit for bit.
+
+Left out are the monitors of sensors and adaptation and the black boxes: they only watch. Guard and gate of both sides
+are in. A tick that is not ordinary (a guard or gate stops, a joint is far from its reference, a moving joint is let go)
+ends the run, as "stopped"; the runner cannot go on after that, and neither after a run to the end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hd_control.control.guard import Guard
+from hd_control.core.blocks import FloatArray
+from hd_control.core.errors import ConfigError
+from hd_control.stages.motion_stage import LOST_TOLERANCE
+from hd_sim.drive_seam import LET_GO_SAMPLES, MOVING_SPEED, VELOCITY_WEIGHT
+from hd_sim.runner import Runner
+
+
+@dataclass(frozen=True)
+class LoopRun:
+    """Rows (ticks, n) of the ordinary ticks from `first` on; `states` (ticks, size) of the torque law.
+
+    `stopped`: the run ended before its time.
+    """
+
+    first: int
+    true_position: FloatArray
+    desired: FloatArray
+    command: FloatArray
+    states: FloatArray
+    stopped: bool
+
+
+def ready(runner: Runner) -> bool:
+    """Is the robot in ordinary motion? Drives armed, brakes open, nothing stopped, at rest if a goal still waits."""
+    seam, follower = runner.world.seam, runner.motion.follower
+    stopped = seam.stopped or runner.torque.guard.stopped
+    settled = seam.armed and not seam.brake_closed and not stopped and seam.complete(runner.tick - 1)
+    waiting = follower is None or (follower.pending is not None and len(follower.active.coefficients) > 0)
+    return settled and not waiting and runner.torque.degraded_samples == 0
+
+
+def run_on(runner: Runner, ticks: int, prompt: bool = False) -> LoopRun:
+    """Runs `ticks` more ticks. `prompt`: the command of a sample acts at once.
+
+    Raises ConfigError if the robot is not in ordinary motion or its torque law is not the adaptive or the direct one.
+    """
+    state, first = runner.torque.state, runner.tick
+    if not ready(runner) or state is None or state.layout.name != "TorqueState":
+        raise ConfigError("only ordinary motion under the adaptive or direct torque law can be run on at once")
+    done, rows, states = runner.world.seam.plant.run_loop(_given(runner, prompt), first, ticks)
+    runner.tick = first + done
+    true, desired, command = rows[:, :done]
+    return LoopRun(first, true, desired, command, states[:done], done < ticks)
+
+
+def _given(runner: Runner, prompt: bool) -> dict[str, Any]:
+    """What the loop starts from, copied: blocks of the laws, both sides, the drive's own sensing, the path."""
+    fusion, motion, torque, seam = runner.fusion, runner.motion, runner.torque, runner.world.seam
+    follower, guard, period = motion.follower, torque.guard, runner.period
+    assert follower is not None
+    path, numbers = follower.pending or follower.active, dict[str, Any]()
+    for name, stage in (("fusion", fusion), ("motion", motion), ("torque", torque)):
+        assert stage.params is not None and stage.state is not None
+        numbers |= {f"{name}_params": stage.params.array, f"{name}_state": stage.state.array}
+    numbers |= {
+        "command": seam.command,
+        "temperature": fusion.sample.motor_temperature,
+        "drive_positions": seam.positions,
+        "drive_velocities": seam.velocities,
+        "gear_ratio": seam.plant.config.drives["gear_ratio"],
+        "knots": path.knots,
+        "coefficients": path.coefficients,
+        "rest": follower.active.end.position,
+        "end": np.concatenate([path.end.position, path.end.velocity, path.end.acceleration]),
+        **_side("control", guard),
+        **_side("drive", seam.guard),
+    }
+    given: dict[str, Any] = {name: np.array(value, dtype=float).ravel() for name, value in numbers.items()}
+    return given | {
+        "segments": len(path.coefficients),
+        "start_tick": float(path.start_tick),
+        "period": period,
+        "age_limit": float(torque.limits.gate.age_limit),
+        "lost_tolerance": LOST_TOLERANCE,
+        "moving_speed": MOVING_SPEED,
+        "let_go_samples": LET_GO_SAMPLES,
+        "temperature_ticks": runner.temperature_ticks,
+        "velocity_rate": VELOCITY_WEIGHT / period,
+        "velocity_weight": VELOCITY_WEIGHT,
+        "prompt": prompt,
+    }
+
+
+def _side(name: str, guard: Guard) -> dict[str, FloatArray]:
+    return {
+        f"{name}_gate": guard.gate.array,
+        f"{name}_limits": guard.limits.gate.array,
+        f"{name}_tick": guard.last_tick,
+        f"{name}_bounds": guard.bounds,
+    }
