@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NoReturn
 
 from hd_control.core.errors import ConfigError, HdError
-from hd_control.nodes.real_time import request_real_time
+from hd_control.nodes.real_time import leave_real_time, request_real_time
 
 if TYPE_CHECKING:
     from hd_control.nodes.lifecycle_shell import Shell
@@ -92,6 +92,7 @@ def _serve(node: Shell) -> int:
     gc.set_threshold(100_000, 50, 100)  # the loop makes no cycles; a collection in it is a late tick
 
     def serve() -> None:
+        leave_real_time()
         while not node.loop.stopping:
             try:
                 executor.spin_once(timeout_sec=1.0)

@@ -11,11 +11,14 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+import threading
 import time
 
 _LIBC = ctypes.CDLL(None, use_errno=True)
 _MCL_CURRENT, _MCL_FUTURE, _TIMER_ABSTIME = 1, 2, 1
 PRIORITY = 40
+BESIDE = -10
+"""Nice value of the threads beside the loop."""
 SWITCH_INTERVAL = 1e-4
 
 
@@ -47,6 +50,19 @@ def request_real_time() -> list[str]:
     locked = _LIBC.mlockall(_MCL_CURRENT | _MCL_FUTURE) == 0
     done.append("memory locked" if locked else "mlockall not permitted")
     return done
+
+
+def leave_real_time() -> None:
+    """For a thread beside the loop: ordinary scheduling, ahead of other programs.
+
+    A thread under SCHED_FIFO is not interrupted by its equals: half a second of set-up or goal checking in the executor
+    would hold up the loops of all nodes on that processor, and the kernel's limit for real-time threads (95 %) with it.
+    """
+    try:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), BESIDE)
+    except OSError:
+        pass  # nothing was taken, or nothing more is permitted
 
 
 def sleep_until(deadline_ns: int) -> None:

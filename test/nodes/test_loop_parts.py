@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import ast
+import os
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -234,3 +237,24 @@ def test_the_recorder_tells_of_its_slowest_topic() -> None:
     arrive(NEEDED[-1], 310)
     turn.collect()
     assert told == [120, 300]
+
+
+def test_only_the_loop_keeps_real_time():
+    """The executor thread beside it goes back to ordinary scheduling: equals under SCHED_FIFO do not interrupt."""
+    code = (
+        "import os, threading\n"
+        "from hd_control.nodes.real_time import leave_real_time, request_real_time\n"
+        "request_real_time()\n"
+        "seen = []\n"
+        "def beside():\n"
+        "    leave_real_time()\n"
+        "    seen.append(os.sched_getscheduler(0))\n"
+        "thread = threading.Thread(target=beside); thread.start(); thread.join()\n"
+        "print(os.sched_getscheduler(0) == os.SCHED_FIFO, seen[0] == os.SCHED_OTHER)\n"
+    )
+    environment = {**os.environ, "HD_REAL_TIME": "auto"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
+    loop, beside = done.stdout.split()
+    assert beside == "True"
+    if loop == "False":
+        pytest.skip("this user may not use SCHED_FIFO")
