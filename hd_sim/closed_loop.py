@@ -7,12 +7,14 @@ ends the run, as "stopped"; the runner cannot go on after that, and neither afte
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from hd_control.control.guard import Guard
+from hd_control.control.trajectory import Goal
 from hd_control.core.blocks import FloatArray
 from hd_control.core.errors import ConfigError
 from hd_control.stages.motion_stage import LOST_TOLERANCE
@@ -22,9 +24,9 @@ from hd_sim.runner import Runner
 
 @dataclass(frozen=True)
 class LoopRun:
-    """Rows (ticks, n) of the ordinary ticks from `first` on; `states` (ticks, size) of the torque law.
+    """Rows (ticks, n) from tick `first` on: rad, rad, N m; `states` (ticks, size) of the torque law.
 
-    `stopped`: the run ended before its time.
+    `stopped`: the run ended before its time; rows of `run_through` after that are not numbers.
     """
 
     first: int
@@ -56,6 +58,31 @@ def run_on(runner: Runner, ticks: int, prompt: bool = False) -> LoopRun:
     runner.tick = first + done
     true, desired, command = rows[:, :done]
     return LoopRun(first, true, desired, command, states[:done], done < ticks)
+
+
+def run_through(runner: Runner, goals: Mapping[int, Goal], ticks: int, prompt: bool = False) -> LoopRun:
+    """A new runner from tick 0 to `ticks`, or to its stop: the whole chain until motion is ordinary, then `run_on`.
+
+    `goals` by the tick at which they are offered. Raises GoalError if the robot refuses one.
+    """
+    rows, states, stopped = np.full((3, ticks, runner.robot.joints), np.nan), np.zeros((0, 0)), False
+    seam, last_goal = runner.world.seam, max(goals, default=-1)
+    while runner.tick < ticks and not (stopped or (runner.tick > last_goal and ready(runner))):
+        tick = runner.tick
+        if tick in goals:
+            runner.offer(goals[tick])
+        rows[0, tick], bus = seam.plant.true_joint_position, runner.step()
+        rows[1, tick], rows[2, tick] = bus["joint_reference"]["position"], bus["motor_torque_command"]["effort"]
+        numbers = np.zeros(0) if runner.torque.state is None else runner.torque.state.array
+        states = np.full((ticks, numbers.size), np.nan) if states.size == 0 else states
+        states[tick] = numbers
+        # Two gates, one behind the law and one in front of the drives: either may have stopped the robot.
+        stopped = seam.stopped or runner.torque.guard.stopped
+    if runner.tick < ticks and not stopped:
+        rest = run_on(runner, ticks - runner.tick, prompt)
+        there, stopped = slice(rest.first, runner.tick), rest.stopped
+        rows[:, there], states[there] = (rest.true_position, rest.desired, rest.command), rest.states
+    return LoopRun(0, rows[0], rows[1], rows[2], states, bool(stopped))
 
 
 def _given(runner: Runner, prompt: bool) -> dict[str, Any]:

@@ -79,7 +79,7 @@ ALLOWED: dict[str, set[str]] = {
         "hd_control.control.guard_limits",
         "hd_sim",
     },
-    "hd_sim.closed_loop": {"hd_control.core", "hd_control.control.guard", "hd_control.stages.motion_stage", "hd_sim"},
+    "hd_sim.closed_loop": {"hd_control.core", "hd_control.control", "hd_control.stages.motion_stage", "hd_sim"},
     "hd_sim.runner": {
         "hd_control.core",
         "hd_control.control",

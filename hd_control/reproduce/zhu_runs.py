@@ -21,7 +21,7 @@ from hd_control.reproduce.rows import Progress
 from hd_control.reproduce.zhu_options import STARTS, Case, setup_of
 from hd_control.stages.torque_stage import TorqueStage
 from hd_sim import motions
-from hd_sim.closed_loop import ready, run_on
+from hd_sim.closed_loop import run_through
 from hd_sim.plant_config import PlantConfig
 from hd_sim.runner import Runner
 from hd_sim.scenario import Context, Plan, Scenario, make_plan
@@ -117,34 +117,13 @@ def history(case: Case) -> History:
     """
     runner, plan = started(case)
     first, last = (round(time / runner.period) for time in plan.window)
-    n, rows, states = runner.robot.joints, np.full((3, last, runner.robot.joints), np.nan), np.zeros((0, 0))
-    goals, plant = dict(plan.goals), runner.world.seam.plant
-    stopped = False
-    while runner.tick < last and not (stopped or (ready(runner) and runner.tick > max(goals))):
-        tick = runner.tick
-        if tick in goals:
-            runner.offer(goals[tick])
-        rows[1, tick] = plant.true_joint_position
-        bus = runner.step()
-        rows[0, tick] = bus["joint_reference"]["position"]
-        rows[2, tick] = bus["motor_torque_command"]["effort"]
-        numbers = np.empty(0) if runner.torque.state is None else runner.torque.state.array
-        if states.size == 0:
-            states = np.full((last, numbers.size), np.nan)
-        states[tick] = numbers
-        # Two gates, one behind the law and one in front of the drives: either may have stopped the robot.
-        stopped = runner.world.seam.stopped or runner.torque.guard.stopped
-    if runner.tick < last and not stopped:
-        rest = run_on(runner, last - runner.tick, case.delay == 0)
-        there = slice(rest.first, runner.tick)
-        rows[:, there], states[there] = (rest.desired, rest.true_position, rest.command), rest.states
-        stopped = rest.stopped
+    run, n = run_through(runner, dict(plan.goals), last, case.delay == 0), runner.robot.joints
     params, state = runner.torque.params, runner.torque.state
     assert params is not None and state is not None
-    parts = {name: states[:, state.layout.slices[name]].reshape(-1, n) for name in ESTIMATES}
+    parts = {name: run.states[:, state.layout.slices[name]].reshape(-1, n) for name in ESTIMATES}
     bounds = {name: _bounds(params, name) for name in parts}
     time: FloatArray = runner.period * np.arange(last, dtype=np.float64)
-    return History(time, rows[0], rows[1], rows[2], parts, bounds, slice(first, last), bool(stopped))
+    return History(time, run.desired, run.true_position, run.command, parts, bounds, slice(first, last), run.stopped)
 
 
 def _bounds(params: Block, name: str) -> tuple[FloatArray, FloatArray]:

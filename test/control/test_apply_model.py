@@ -13,6 +13,7 @@ from hd_control.core.parameters import Shape
 from hd_control.drive.model import JointModel, Model, ModelValue
 from hd_control.sensing import fusion
 from hd_control.stages.node_parameters import shipped_values
+from hd_sim.closed_loop import run_through
 from hd_sim.plant_config import PlantConfig
 from hd_sim.runner import Runner, RunSetup
 from hd_sim.scenario import find_scenario, make_plan
@@ -174,14 +175,10 @@ def track(config, values, scenario):
     runner = Runner(RunSetup(config, 0, values))
     start, limit = runner.world.seam.plant.config.start_position, runner.goal_limits.velocity
     plan = make_plan(find_scenario(scenario), runner.robot.joint_names, start, limit, runner.period)
-    goals, errors = dict(plan.goals), []
-    for tick in range(plan.ticks):
-        if tick in goals:
-            runner.offer(goals[tick])
-        true = runner.world.seam.plant.true_joint_position.copy()
-        errors.append(runner.step()["joint_reference"]["position"] - true)
-    assert not runner.world.seam.stopped
-    window = np.array(errors)[round(plan.window[0] * 1e3) : round(plan.window[1] * 1e3)]
+    first, last = (round(time * 1e3) for time in plan.window)
+    run = run_through(runner, dict(plan.goals), last)
+    assert not run.stopped
+    window = (run.desired - run.true_position)[first:last]
     return float(np.sqrt(np.mean(window**2))), float(np.abs(window).max())
 
 
