@@ -41,9 +41,9 @@ class SecondRun:
         os.setpriority(os.PRIO_PROCESS, self._process.pid, LOW)  # live nodes come first
 
     @staticmethod
-    def worth_it() -> bool:
-        """True on a computer with two or more processors."""
-        return (os.cpu_count() or 1) > 1
+    def worth_it(options: Sequence[str]) -> bool:
+        """True with two or more processors, unless a debugger is wanted: that needs the terminal."""
+        return (os.cpu_count() or 1) > 1 and not {"--pdb", "--trace"}.intersection(options)
 
     @property
     def left_out(self) -> list[str]:

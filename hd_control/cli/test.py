@@ -131,7 +131,7 @@ def run(arguments: argparse.Namespace) -> int:
     sys.path.insert(0, str(ROOT))
     chosen = selection(arguments)
     second = None
-    if chosen[-1:] == [str(ROOT / "test")] and SecondRun.worth_it():
+    if chosen[-1:] == [str(ROOT / "test")] and SecondRun.worth_it(chosen):
         second = SecondRun(ROOT, [*quiet[:1], *chosen[:-1]])
         say(arguments, "the tests that only calculate run beside these; their lines come at the end")
         chosen = [*chosen, *second.left_out]

@@ -79,7 +79,9 @@ class Guard:
         self._position, self._velocity = self.measured.joint_position, self.measured.joint_velocity
         self._emitting = False
         self._mean = np.zeros(limits.joints)
-        self._bounds = (low, high, self._speed, self._twice_deceleration, self._age_limit, gate.LARGEST_TICK)
+        self.bounds = np.stack([low, high, self._speed, self._twice_deceleration])
+        """Rows of the envelope (4, n): lowest and highest position, largest speed, twice the stop's deceleration."""
+        self._look_limits = (*self.bounds, self._age_limit, gate.LARGEST_TICK)
 
     @property
     def mode(self) -> Mode:
@@ -103,11 +105,6 @@ class Guard:
     def last_tick(self) -> FloatArray:
         """Ticks (n,) of the last commands looked at."""
         return self._tick
-
-    @property
-    def bounds(self) -> FloatArray:
-        """Rows of the envelope (4, n): lowest and highest position, largest speed, twice the stop's deceleration."""
-        return np.stack([self.low, self.high, self._speed, self._twice_deceleration])
 
     def activate(self, applied: FloatArray) -> None:
         """Opens with the torque (n,) N m that the drive holds now. A latched stop stays latched."""
@@ -141,7 +138,9 @@ class Guard:
 
     def _quiet(self, command: FloatArray, ages: FloatArray, ticks: FloatArray) -> bool:
         """Have `_input_faults` and `_envelope_faults` nothing to say? All at once, compiled."""
-        return _monitors.guard_is_quiet(command, ages, ticks, self._tick, self._position, self._velocity, *self._bounds)
+        return _monitors.guard_is_quiet(
+            command, ages, ticks, self._tick, self._position, self._velocity, *self._look_limits
+        )
 
     def _ordinary(self, out: FloatArray, new: Block, ticks: FloatArray) -> FloatArray:
         """The end of a sample without any finding: what `_judged` comes to then."""

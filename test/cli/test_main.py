@@ -216,3 +216,13 @@ def test_test_command_selects(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "campaigns", lambda root, goals: [])
     with pytest.raises(AnswerIsNo, match="no long campaigns"):
         module.selection(arguments(unknown=[], long=[], fast=False))
+
+
+def test_a_debugger_gets_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without one the calculating half runs beside; with one everything runs in this process."""
+    from hd_control.cli._second_run import SecondRun
+
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    assert SecondRun.worth_it(["-x"]) and not SecondRun.worth_it(["-x", "--pdb"])
+    monkeypatch.setattr(os, "cpu_count", lambda: 1)
+    assert not SecondRun.worth_it(["-x"])

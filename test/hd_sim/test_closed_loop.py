@@ -65,7 +65,7 @@ def test_a_joint_that_is_too_fast_ends_the_run_before_the_tick_of_the_stop(side)
     def limited():
         runner = moving("single_joint_3")
         guard = runner.torque.guard if side == "control" else runner.world.seam.guard
-        guard._speed[:] = 0.05
+        guard._speed[:] = guard.bounds[2] = 0.05
         return runner
 
     found, twin = run_on(limited(), TICKS), limited()
@@ -74,11 +74,12 @@ def test_a_joint_that_is_too_fast_ends_the_run_before_the_tick_of_the_stop(side)
     assert found.stopped and 300 < len(found.command) == twin.tick - 1 - START
 
 
-@pytest.mark.parametrize(("bound", "value"), [("high", -9.0), ("low", 9.0)])
+@pytest.mark.parametrize(("row", "value"), [(0, 9.0), (1, -9.0)])
 @pytest.mark.parametrize("side", ["control", "drive"])
-def test_a_joint_outside_its_range_is_not_ordinary(side, bound, value):
+def test_a_joint_outside_its_range_is_not_ordinary(side, row, value):
     runner = moving("single_joint_3")
-    setattr(runner.torque.guard if side == "control" else runner.world.seam.guard, bound, np.array([value]))
+    guard = runner.torque.guard if side == "control" else runner.world.seam.guard
+    guard.bounds[row] = value
     found = run_on(runner, TICKS)
     assert found.stopped and len(found.command) == 0
 
