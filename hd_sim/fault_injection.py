@@ -123,15 +123,25 @@ class FaultyRunner(Runner):
 
     def __init__(self, setup: RunSetup, injections: Sequence[Injection], seed: int) -> None:
         super().__init__(setup)
-        self.injections = tuple(injections)
         self.random = np.random.default_rng([seed, 0x5EED])
         self.used_tick = -1
         self.given: FloatArray = np.zeros(setup.config.joints)
         self._stuck: dict[tuple[Injection, str], FloatArray] = {}
         self._history: dict[tuple[str, str], list[FloatArray]] = {}
+        self.inject(injections)
+        self._needed = {
+            stage.wiring.name: [topic for topic in stage.wiring.inputs if topic not in stage.wiring.optional]
+            for _, stage in self.stages
+        }
         plant = self.world.seam.plant
         self._latch = plant.latch
         plant.latch = self._record  # type: ignore[method-assign, assignment]
+
+    def inject(self, injections: Sequence[Injection]) -> None:
+        """From now on these faults, instead of those before."""
+        self._faults: dict[str, list[Injection]] = {}
+        for injection in injections:
+            self._faults.setdefault(injection.target, []).append(injection)
 
     def _record(self, torque: Any) -> None:
         self.given = np.array(torque, dtype=float)
@@ -140,11 +150,10 @@ class FaultyRunner(Runner):
     def step(self) -> Bus:
         """One tick; a topic that is missing is not in the result."""
         tick = self.tick
-        bus: Bus = {topic: dict(arrays) for topic, arrays in sensor_arrays(self.world.measure(tick)).items()}
-        bus = self._corrupt(tick, bus)
+        bus = self._corrupt(tick, sensor_arrays(self.world.measure(tick)))
         for _, stage in self.stages:
-            needed = [topic for topic in stage.wiring.inputs if topic not in stage.wiring.optional]
-            if all(topic in bus for topic in needed) and not self._acts(tick, stage.wiring.name, "off"):
+            name = stage.wiring.name
+            if all(topic in bus for topic in self._needed[name]) and not self._acts(tick, name, "off"):
                 bus.update(self._corrupt(tick, self._stepped(tick, stage, bus)))
         self.world.advance()
         if topics.COMMAND in bus:
@@ -166,18 +175,22 @@ class FaultyRunner(Runner):
             del stage.advance
 
     def _acts(self, tick: int, target: str, kind: str) -> bool:
-        return any(i.target == target and i.kind == kind and i.on(tick) for i in self.injections)
+        return any(i.kind == kind and i.on(tick) for i in self._faults.get(target, ()))
 
     def _corrupt(self, tick: int, bus: Bus) -> Bus:
-        """The topics as they arrive."""
+        """The topics as they arrive. Those that no injection touches are handed on as they are."""
         found: Bus = {}
         for topic, arrays in bus.items():
+            faults = self._faults.get(topic)
+            if faults is None:
+                found[topic] = arrays
+                continue
             copied = {name: values.copy() for name, values in arrays.items()}
             for name, values in copied.items():
                 history = self._history.setdefault((topic, name), [])
                 history.append(values.copy())
                 del history[:-52]
-            if all(self._apply(tick, topic, copied, i) for i in self.injections if i.target == topic and i.on(tick)):
+            if all(self._apply(tick, topic, copied, i) for i in faults if i.on(tick)):
                 found[topic] = copied
         return found
 

@@ -49,10 +49,10 @@ def run_case(case):
             start_motion(runner, case)
         used = runner.used_tick
         runner.step()
-        gravity = plant.gravity_torque(plant.true_joint_position)
+        true = plant.state
         oracle.look(
             tick, runner.given, seam.armed, seam.stopped, seam.guard.controlled, used,
-            plant.true_joint_position, plant.true_joint_velocity, plant.state.motor_velocity, gravity,
+            true.joint_position, true.joint_velocity, true.motor_velocity, plant.gravity_torque,
         )  # fmt: skip
         law = runner.torque
         mode = law.mode

@@ -98,7 +98,7 @@ def test_f08_three_readings_at_the_rail_degrade_twenty_stop():
     runner = make_runner(replace(case("gauge_bridge", "ok", distance=0.0), injections=()))
     for tick in range(320):
         gain = max(0.0, min(6.2, 0.1 * (tick - 200)))
-        runner.injections = (Injection("gauge_bridge", "wrong", -1, tick, 1, gain),)
+        runner.inject([Injection("gauge_bridge", "wrong", -1, tick, 1, gain)])
         reading = abs(float(runner.step()["gauge_bridge"]["effort"][0]))
         at_rail.append(reading >= 0.99 * 600.0)
         modes.append(runner.torque.mode)

@@ -25,7 +25,10 @@ class RunOracle:
         self.found, self.fastest = [], 0.0
 
     def look(self, tick, torque, armed, stopped, controlled, last_command_tick, position, velocity, rotor, gravity):
-        """One tick: what the drives got, the state of the drive side, the newest command used, the true motion."""
+        """One tick: what the drives got, the state of the drive side, the newest command used, the true motion.
+
+        `gravity` gives the torque that holds the arm at a position.
+        """
         letters = judge(torque.tolist(), self.before, self.limit, self.step, "ACTIVE" if armed else "INACTIVE")
         self.found += [(tick, letter, joint) for letter, joint in letters]
         if armed and not stopped and tick - 1 - last_command_tick >= self.age_limit:
@@ -37,9 +40,12 @@ class RunOracle:
 
     def _envelope(self, tick, torque, position, velocity, gravity):
         end = position + velocity * np.abs(velocity) / (2.0 * self.deceleration)
+        if ((end <= self.high) & (end >= self.low)).all():
+            self.outside[:] = 0
+            return
         side = np.where(end > self.high, 1.0, np.where(end < self.low, -1.0, 0.0))
         self.outside = np.where(side != 0.0, self.outside + 1, 0)
-        outward = torque * side > np.abs(gravity) + FORCE_SHARE * np.asarray(self.limit)
+        outward = torque * side > np.abs(gravity(position)) + FORCE_SHARE * np.asarray(self.limit)
         falling = np.abs(torque) < np.abs(np.asarray(self.before))
         self.found += [(tick, "e", int(j)) for j in np.flatnonzero(outward & ~falling & (self.outside > 10))]
 
