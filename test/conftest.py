@@ -27,6 +27,14 @@ def pytest_report_header() -> str:
     return f"HD_SEED={SEED} ROS_DOMAIN_ID={os.environ['ROS_DOMAIN_ID']}"
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """All tests of nodes count as live: they meet in one process with ROS."""
+    for item in items:
+        if "nodes" in item.path.parts:
+            item.add_marker(pytest.mark.process)
+
+
 @pytest.fixture(autouse=True)
 def _seeded() -> None:
     """The global generators start equal in each test, whatever ran before it."""

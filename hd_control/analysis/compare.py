@@ -97,12 +97,12 @@ class JointComparison:
     @property
     def noises(self) -> dict[str, Noise]:
         """The noise of each channel."""
-        return {name: part.noise for name, part in self.dictionary.rows.items()}
+        return self.dictionary.noises
 
 
 def noises_of(task: Task) -> dict[str, Noise]:
     """The noise of each channel: what the richest model does not explain."""
-    return {name: part.noise for name, part in prepare(task).rows.items()}
+    return prepare(task).noises
 
 
 def compare(task: Task, written: FloatArray | None, noises: Mapping[str, Noise] | None = None) -> JointComparison:

@@ -150,6 +150,11 @@ class Dictionary:
             rows[name] = replace(part, columns=columns)
         return _normed(replace(self, rows=rows))
 
+    @property
+    def noises(self) -> dict[str, Noise]:
+        """The noise of each channel."""
+        return {name: part.noise for name, part in self.rows.items()}
+
     def whitened(self, channel: str, columns: FloatArray) -> FloatArray:
         """Raw columns (n, k) at the rate of the recording as whitened rows of a channel, physical units, (rows, k)."""
         part = self.rows[channel]

@@ -13,6 +13,7 @@ from hd_control.analysis.compare import JointComparison, noises_of
 from hd_control.analysis.diagnose import diagnose
 from hd_control.analysis.hunt import Task, prepare
 from hd_control.analysis.link_function import LinkSide
+from hd_control.analysis.noise import Noise
 from hd_control.analysis.signals import JointSignals, Recording
 from hd_control.analysis.verdict import ADEQUATE, CANNOT_TELL, UNKNOWN, JointDiagnosis
 from hd_control.analysis.workbench import compare_task, joint_task
@@ -94,18 +95,25 @@ class JointLadder:
 
 
 class _Judge:
-    """Compares models of one joint on one recording; the noise is estimated once, with the refitted model."""
+    """Models of one joint on one recording. The noise is that of the refitted model, for all of them."""
 
-    def __init__(self, recording: Recording, refitted: Model, joint: str) -> None:
+    def __init__(self, recording: Recording, joint: str) -> None:
         self.recording, self.joint = recording, joint
-        self.noises = noises_of(self._task(refitted))
+        self.noises: dict[str, Noise] = {}
+        self._tasks: list[tuple[Model, Task]] = []
 
-    def _task(self, model: Model) -> Task:
-        return joint_task(self.recording, model, self.joint, LinkSide(model, self.recording.joints))
+    def task(self, model: Model) -> Task:
+        """The balances of the recording in the units of a model; those of the last two models are kept."""
+        for known, task in self._tasks:
+            if known is model:
+                return task
+        task = joint_task(self.recording, model, self.joint, LinkSide(model, self.recording.joints))
+        self._tasks = [*self._tasks[-1:], (model, task)]
+        return task
 
     def compare(self, model: Model) -> JointComparison:
         """The model as written; only the assembly zero is fitted."""
-        return compare_task(self._task(model), model, self.joint, self.noises)
+        return compare_task(self.task(model), model, self.joint, self.noises)
 
 
 def split_recording(recording: Recording, share: float = 0.7) -> Split:
@@ -116,17 +124,18 @@ def split_recording(recording: Recording, share: float = 0.7) -> Split:
 
 def climb(split: Split, model: Model, joint: str, limit: int = LIMIT) -> JointLadder:
     """The ladder of one joint. Raises HdError if the signals allow no residual channel."""
-    task = joint_task(split.train, model, joint, LinkSide(model, split.train.joints))
-    fitted = fit_joint(task, model.joint(joint))
+    train, held = judges = _Judge(split.train, joint), _Judge(split.held_out, joint)
+    fitted = fit_joint(train.task(model), model.joint(joint))
     refitted = _with(model, joint, fitted)
-    judges = _Judge(split.train, refitted, joint), _Judge(split.held_out, refitted, joint)
+    dictionary = prepare(train.task(refitted))
+    train.noises, held.noises = dictionary.noises, noises_of(held.task(refitted))
     rungs = [_rung(judges, GIVEN, model, joint), _rung(judges, REFIT, refitted, joint, fitted)]
     channel = max(rungs[-1].held_out, key=rungs[-1].ratio, default="")
     diagnosis: JointDiagnosis | None = None
-    for _ in range(limit):
+    for step in range(limit):
         current = rungs[-1].model
-        task = joint_task(split.train, current, joint, LinkSide(current, split.train.joints))
-        dictionary = prepare(task)
+        task = train.task(current)
+        dictionary = prepare(task) if step else dictionary
         diagnosis = diagnose(task, dictionary)
         reason = _nothing_to_add(diagnosis)
         if reason:

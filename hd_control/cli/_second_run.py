@@ -1,4 +1,4 @@
-"""The half of the test suite that only calculates, in processes of its own beside the half that starts nodes."""
+"""The tests that only calculate, in processes of their own beside those that start nodes."""
 
 from __future__ import annotations
 
@@ -12,11 +12,28 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-CALCULATING = ("analysis", "control", "core", "drive", "hd_sim", "oracles", "reproduce", "sensing", "stages")
-"""Folders of `test` without processes and without a wall clock: they may run beside anything."""
+ALONE = "HD_TEST_ALONE"
+"""Set in the environment of the second run: it starts no third."""
+LIVE = "process"
+"""Mark of the tests that start processes or look at a wall clock; all others may run beside anything."""
 
-LOW = 15
-"""Nice value of the calculating half."""
+
+def narrowed(options: Sequence[str], expression: str) -> list[str]:
+    """Options of pytest that choose, of the tests chosen by `options`, those with a mark."""
+    found = list(options)
+    for k, word in enumerate(found[:-1]):
+        if word == "-m":
+            found[k + 1] = f"({found[k + 1]}) and {expression}"
+            return found
+    return [*found, "-m", expression]
+
+
+def _yield_to_live_nodes() -> None:
+    """In the new process: runs only where nothing else wants to, and gives way at once."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    except OSError:
+        os.nice(19)
 
 
 def _spread() -> list[str]:
@@ -27,28 +44,25 @@ def _spread() -> list[str]:
 
 
 class SecondRun:
-    """Starts `hd test` on the calculating folders; `finish` prints what it said and returns its document."""
+    """Starts `hd test` on what only calculates; `finish` prints what it said and returns its document."""
 
     def __init__(self, root: Path, options: Sequence[str]) -> None:
-        self.folders = [root / "test" / name for name in CALCULATING if (root / "test" / name).is_dir()]
         self._place = tempfile.TemporaryDirectory(prefix="hd_test_")
         self._document = Path(self._place.name) / "outcome.json"
         self._log = Path(self._place.name) / "log"
         command = [sys.executable, "-m", "hd_control.cli.main", "test", "--json", str(self._document)]
         with self._log.open("wb") as log:
-            command += [*options, *_spread(), *map(str, self.folders)]
-            self._process = subprocess.Popen(command, cwd=root, stdout=log, stderr=subprocess.STDOUT)
-        os.setpriority(os.PRIO_PROCESS, self._process.pid, LOW)  # live nodes come first
+            command += [*narrowed(options, f"not {LIVE}"), *_spread(), str(root / "test")]
+            self._process = subprocess.Popen(
+                command, cwd=root, stdout=log, stderr=subprocess.STDOUT, preexec_fn=_yield_to_live_nodes,
+                env={**os.environ, ALONE: "1"},
+            )  # fmt: skip
 
     @staticmethod
     def worth_it(options: Sequence[str]) -> bool:
         """True with two or more processors, unless a debugger is wanted: that needs the terminal."""
-        return (os.cpu_count() or 1) > 1 and not {"--pdb", "--trace"}.intersection(options)
-
-    @property
-    def left_out(self) -> list[str]:
-        """Options of pytest for the other half."""
-        return [f"--ignore={folder}" for folder in self.folders]
+        alone = ALONE in os.environ or (os.cpu_count() or 1) == 1
+        return not alone and not {"--pdb", "--trace"}.intersection(options)
 
     def finish(self) -> dict[str, Any]:
         """Waits, prints, and returns counts, failures and exit code. A run that died counts as exit code 3."""

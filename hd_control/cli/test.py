@@ -124,7 +124,7 @@ def run(arguments: argparse.Namespace) -> int:
         import pytest
     except ImportError:
         raise HdError("pytest is not installed; run ./hd test, or install the extra: pip install '.[test]'") from None
-    from hd_control.cli._second_run import SecondRun
+    from hd_control.cli._second_run import LIVE, SecondRun, narrowed
 
     counter, start = Counter(), time.monotonic()
     quiet = ["-q", "--no-header"] if arguments.quiet else []
@@ -134,7 +134,7 @@ def run(arguments: argparse.Namespace) -> int:
     if chosen[-1:] == [str(ROOT / "test")] and SecondRun.worth_it(chosen):
         second = SecondRun(ROOT, [*quiet[:1], *chosen[:-1]])
         say(arguments, "the tests that only calculate run beside these; their lines come at the end")
-        chosen = [*chosen, *second.left_out]
+        chosen = narrowed(chosen, LIVE)
     try:
         code = int(pytest.main(["--rootdir", str(ROOT), *quiet, *chosen], plugins=[counter]))
     finally:

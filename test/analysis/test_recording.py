@@ -254,10 +254,10 @@ def test_a_long_recording_is_decimated_without_moving_anything() -> None:
 
 
 @pytest.mark.slow
-def test_an_hour_is_read_at_a_lower_rate(tmp_path: Path) -> None:
-    stamps = ticks(3600.0)
+def test_more_than_twenty_minutes_are_read_at_a_lower_rate(tmp_path: Path) -> None:
+    stamps = ticks(1206.0)
     recording = read_recording(standard_bag(tmp_path / "bag", stamps, skip=["temperature", "reference_position"]))
     joint = recording.joints["joint_1"]
-    assert joint.period == pytest.approx(3e-3) and joint.time.size == 1_200_000
+    assert joint.period == pytest.approx(3e-3) and joint.time.size == 402_000
     assert any("decimated by 3" in note for note in recording.notes)
     assert np.abs(joint.gauge_torque - motion(joint.time)["gauge_torque"])[50:-50].max() < 0.02

@@ -9,6 +9,8 @@ import pytest
 from hd_control.cli.main import main
 from hd_control.record.reader import BagReader
 
+pytestmark = pytest.mark.process
+
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):

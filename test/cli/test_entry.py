@@ -108,7 +108,7 @@ def test_an_environment_of_the_user_is_not_touched(machine: Machine) -> None:
 def test_no_network(machine: Machine) -> None:
     """The package index is a port of this machine where nothing listens."""
     machine.tool("python3", f'#!/bin/sh\nexec "{REAL_PYTHON}" "$@"\n')
-    line = machine.refused(PIP_INDEX_URL="http://127.0.0.1:9/", PIP_NO_CACHE_DIR="1")
+    line = machine.refused(PIP_INDEX_URL="http://127.0.0.1:9/", PIP_NO_CACHE_DIR="1", PIP_RETRIES="0")
     assert "no network: the packages could not be fetched" in line
 
 

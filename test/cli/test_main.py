@@ -218,11 +218,24 @@ def test_test_command_selects(monkeypatch: pytest.MonkeyPatch) -> None:
         module.selection(arguments(unknown=[], long=[], fast=False))
 
 
-def test_a_debugger_gets_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without one the calculating half runs beside; with one everything runs in this process."""
-    from hd_control.cli._second_run import SecondRun
+def test_what_only_calculates_runs_beside(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a debugger or one processor everything runs in this process, and the run beside starts no third."""
+    from hd_control.cli._second_run import ALONE, SecondRun
 
+    monkeypatch.delenv(ALONE, raising=False)
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
     assert SecondRun.worth_it(["-x"]) and not SecondRun.worth_it(["-x", "--pdb"])
+    monkeypatch.setenv(ALONE, "1")
+    assert not SecondRun.worth_it(["-x"])
+    monkeypatch.delenv(ALONE)
     monkeypatch.setattr(os, "cpu_count", lambda: 1)
     assert not SecondRun.worth_it(["-x"])
+
+
+def test_the_two_runs_share_all_tests_that_are_asked_for() -> None:
+    from hd_control.cli._second_run import narrowed
+
+    assert narrowed(["-x"], "process") == ["-x", "-m", "process"]
+    assert narrowed(["-m", "not slow or gate", "test"], "not process") == [
+        "-m", "(not slow or gate) and not process", "test"
+    ]  # fmt: skip

@@ -56,6 +56,8 @@ def soak(bag: Path, ticks: int, seed: int, tell: Callable[[int], None] = lambda 
     digest, marks = hashlib.sha256(), np.zeros((LOOKS, 3))  # made before, so that looking does not grow
     ends = [home + AMPLITUDE, home]
     start = time.monotonic()
+    gc.collect()
+    gc.freeze()  # what was there before does not grow, and need not be looked through again and again
     for tick in range(ticks):
         if tick % MOVE_TICKS == 1:
             here, there = ends[tick // MOVE_TICKS % 2 - 1], ends[tick // MOVE_TICKS % 2]
@@ -72,6 +74,7 @@ def soak(bag: Path, ticks: int, seed: int, tell: Callable[[int], None] = lambda 
             gc.collect()
             marks[look] = tick, sys.getallocatedblocks(), resident_bytes()
             tell(tick)
+    gc.unfreeze()
     assert recorder.close() == ""
     at, blocks, resident = marks[LOOKS // 10 :].T
     recorded, problems = _read_back(bag)
