@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NoReturn
 
 from hd_control.core.errors import ConfigError, HdError
-from hd_control.nodes.real_time import leave_real_time, request_real_time
+from hd_control.nodes.real_time import demote_middleware, leave_real_time, request_real_time
 
 if TYPE_CHECKING:
     from hd_control.nodes.lifecycle_shell import Shell
@@ -64,6 +64,7 @@ def _run(make: Callable[[], Shell], arguments: Sequence[str] | None) -> int:
         return _complain(ConfigError(f"ROS arguments: {str(error).strip().splitlines()[0]}"))
     try:
         node = make()
+        demote_middleware()
         if warning:
             node.get_logger().warning(warning)
         node.get_logger().info(f"run {node.run_id}: {', '.join(notes)}")

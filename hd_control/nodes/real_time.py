@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import re
 import sys
 import threading
 import time
@@ -20,6 +21,10 @@ PRIORITY = 40
 BESIDE = -10
 """Nice value of the threads beside the loop."""
 SWITCH_INTERVAL = 1e-4
+MIDDLEWARE = "dds."
+"""Beginning of the names of Fast DDS's threads."""
+DATA_RECEIVER = re.compile(r"dds\.(shm|udp)\.\d*[13579]")
+"""Threads that receive data: their ports are odd (RTPS 9.6.1.1), those of discovery even."""
 
 
 class _Timespec(ctypes.Structure):
@@ -52,17 +57,36 @@ def request_real_time() -> list[str]:
     return done
 
 
-def leave_real_time() -> None:
-    """For a thread beside the loop: ordinary scheduling, ahead of other programs.
+def leave_real_time(thread: int = 0) -> None:
+    """For a thread beside the loop, by its kernel id (0: the calling one): ordinary scheduling, ahead of other programs.
 
     A thread under SCHED_FIFO is not interrupted by its equals: half a second of set-up or goal checking in the executor
     would hold up the loops of all nodes on that processor, and the kernel's limit for real-time threads (95 %) with it.
     """
     try:
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), BESIDE)
+        os.sched_setscheduler(thread, os.SCHED_OTHER, os.sched_param(0))
+        os.setpriority(os.PRIO_PROCESS, thread or threading.get_native_id(), BESIDE)
     except OSError:
-        pass  # nothing was taken, or nothing more is permitted
+        pass  # nothing was taken, or nothing more is permitted, or the thread has ended
+
+
+def demote_middleware() -> list[str]:
+    """Takes real time from the middleware's threads but those that receive data; returns the names of those demoted.
+
+    An equal does not interrupt an equal. Its sender thread may spin for a lock that another holds on the same processor
+    and never let it go; threads of discovery work for tens of milliseconds when something new appears in the graph.
+    """
+    found = []
+    for entry in os.scandir("/proc/self/task"):
+        try:
+            with open(f"{entry.path}/comm") as file:
+                name = file.read().strip()
+        except OSError:
+            continue
+        if name.startswith(MIDDLEWARE) and not DATA_RECEIVER.fullmatch(name):
+            leave_real_time(int(entry.name))
+            found.append(name)
+    return found
 
 
 def sleep_until(deadline_ns: int) -> None:
