@@ -17,6 +17,7 @@ from hd_control.nodes.process import DISCOVERY
 _LIBC = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1
 GRACE = (5.0, 2.0, 2.0)
+LAST_GRACE = 3.0
 
 
 def child_environment(domain: int | None = None, real_time: bool = True) -> dict[str, str]:
@@ -58,27 +59,35 @@ class Children:
         """Exit codes of the children that have ended."""
         return {name: p.returncode for name, p in self.processes.items() if p.poll() is not None}
 
-    def stop(self, order: Sequence[str] = ()) -> dict[str, int]:
+    def stop(self, order: Sequence[str] = (), last: Sequence[str] = ()) -> dict[str, int]:
         """SIGTERM to all, those of `order` first, then SIGINT, then SIGKILL; returns every exit code.
 
-        SIGTERM goes first because a process that is still importing ends on it without a traceback.
+        SIGTERM goes first because a process that is still importing ends on it without a traceback. Those of `last` go on
+        until all others have ended, at most `LAST_GRACE`: a recorder hears the last words of the others.
         """
-        names = [*order, *(name for name in self.processes if name not in order)]
+        others = list(dict.fromkeys(name for name in (*order, *self.processes) if name not in last))
+        if last:
+            self._send(others, signal.SIGTERM, LAST_GRACE)
+        names = [*others, *(name for name in last if name in self.processes)]
         for number, grace in zip((signal.SIGTERM, signal.SIGINT, signal.SIGKILL), GRACE, strict=True):
-            for name in names:
-                self.signal(name, number)
-            end = time.monotonic() + grace
-            while time.monotonic() < end and len(self.dead()) < len(self.processes):
-                time.sleep(0.01)
-            if len(self.dead()) == len(self.processes):
+            if self._send(names, number, grace):
                 break
         return self.dead()
 
-    def stop_all(self, order: Sequence[str] = ()) -> dict[str, int]:
+    def _send(self, names: Sequence[str], number: int, grace: float) -> bool:
+        """Sends a signal to some children and waits for their end; True if all have ended."""
+        for name in names:
+            self.signal(name, number)
+        end = time.monotonic() + grace
+        while not (gone := set(names) <= set(self.dead())) and time.monotonic() < end:
+            time.sleep(0.01)
+        return gone
+
+    def stop_all(self, order: Sequence[str] = (), last: Sequence[str] = ()) -> dict[str, int]:
         """Like `stop`, and an impatient Ctrl-C does not end it early: our children must not stay."""
         while True:
             try:
-                return self.stop(order)
+                return self.stop(order, last)
             except KeyboardInterrupt:
                 continue
 

@@ -28,6 +28,7 @@ from hd_control.nodes.run_plan import NodeProcess, RunPlan
 
 START_TIMEOUT = 30.0
 CALL_TIMEOUT = 15.0
+RECORDED_TIMEOUT = 5.0
 CORE_OF_TWO = {"plant_node": "0", "torque_node": "0", "fusion_node": "1", "motion_node": "1"}
 
 
@@ -89,14 +90,15 @@ class Session:
         return found
 
     def stop(self) -> dict[str, int]:
-        """Stops all processes, the plant first; returns the exit codes. May be called again."""
+        """Stops all processes, the plant first and the recorder last; returns the exit codes. May be called again."""
         try:
             if self._client is not None:
                 self._client.close()
                 self._client = None
         finally:
             order = [process.node for process in reversed(self.processes) if process.node in self._children.processes]
-            self.exit_codes = self._children.stop_all(order)
+            last = [process.node for process in self.processes if process.executable == "recorder_node"]
+            self.exit_codes = self._children.stop_all(order, last)
         return self.exit_codes
 
     @property
@@ -175,6 +177,13 @@ class Session:
         if refused:
             raise HdError(refused)
         self.wait_until_tick(tick, timeout)
+        self._wait_recorded(tick)
+
+    def _wait_recorded(self, tick: int) -> None:
+        """Waits a while until the recorder has the sensors and commands before `tick`; without commands it never has."""
+        end = time.monotonic() + RECORDED_TIMEOUT
+        while self.plan.bag is not None and self.client.recorded < tick - 1 and time.monotonic() < end:
+            time.sleep(0.005)
 
     @property
     def plant_node(self) -> str:

@@ -25,6 +25,7 @@ from hd_control.core.errors import HdError
 from hd_control.nodes.convert import message_from_goal
 from hd_control.nodes.process import prepare_environment
 from hd_control.nodes.ros_loop import chain_qos, latched_qos
+from hd_control.stages import topics
 
 TRANSITIONS = {
     "configure": Transition.TRANSITION_CONFIGURE,
@@ -46,13 +47,14 @@ class SessionClient:
         self.node = rclpy.create_node(
             name, context=self._context, namespace=f"/{namespace.strip('/')}", enable_rosout=False
         )
-        self.tick = -1
+        self.tick = self.recorded = -1
         self.diagnostics: dict[str, dict[str, str]] = {}
         self.diagnostics_heard: dict[str, int] = {}
         self.answers: list[str] = []
         self._clients: dict[tuple[Any, str], Any] = {}
         for plant in ("plant_node", "chain"):
             self.node.create_subscription(UInt64, f"{plant}/progress", self._progress, latched_qos())
+        self.node.create_subscription(UInt64, topics.PROGRESS, self._recorded, latched_qos())
         self.node.create_subscription(DiagnosticArray, "diagnostics", self._diagnose, chain_qos(100))
         for motion in ("motion_node", "chain"):
             self.node.create_subscription(String, f"{motion}/goal_status", self._answer, latched_qos())
@@ -147,6 +149,9 @@ class SessionClient:
 
     def _progress(self, message: UInt64) -> None:
         self.tick = message.data
+
+    def _recorded(self, message: UInt64) -> None:
+        self.recorded = message.data
 
     def _answer(self, message: String) -> None:
         self.answers.append(message.data)
