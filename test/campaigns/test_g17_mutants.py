@@ -19,7 +19,7 @@ def branches_missing(folder):
         report = folder / module
         report.touch()
         source, count = with_probes(module, str(report))
-        assert not notices(module, source, [tests]), f"{module}: its tests fail with probes"
+        assert not notices(module, source, [*tests]), f"{module}: its tests fail with probes"
         seen = set(report.read_text().splitlines())
         ways += 2 * count
         missing += [(module, n, value) for n in range(count) for value in (True, False) if f"{n} {value}" not in seen]
@@ -35,7 +35,7 @@ def survivors_of(chosen):
     def noticed(mutant):
         server = servers.get()
         try:
-            return server.notices(mutant.module, mutant.source, [MODULES[mutant.module]])
+            return server.notices(mutant.module, mutant.source, [*MODULES[mutant.module]])
         finally:
             servers.put(server)
 

@@ -17,12 +17,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-GATE, GUARD, SENSORS = (
-    "test/control/test_safety_gate.py",
-    "test/control/test_guard.py",
-    "test/sensing/test_sensor_monitors.py",
-)
-DEGRADED = "test/stages/test_degraded.py"
+GATE = ("test/control/test_safety_gate.py",)
+GUARD = ("test/control/test_guard.py", "test/control/test_guard_ordinary.py")
+SENSORS = ("test/sensing/test_sensor_monitors.py",)
+DEGRADED = ("test/stages/test_degraded.py",)
 MODULES = {
     "hd_control.control.safety_gate": GATE,
     "hd_control.control.gate_limits": GATE,
@@ -34,6 +32,7 @@ MODULES = {
     "hd_control.sensing.stuck_monitor": SENSORS,
     "hd_control.control.slow_motion": DEGRADED,
 }
+"""Module -> files of its tests, in the order in which they are tried."""
 NOTICED = (1, 2, -signal.SIGPROF)
 """Exit codes of pytest: a test failed, a test file could not be read any more; or the run never came to its end."""
 WALL_SECONDS = 3600.0
