@@ -62,8 +62,8 @@ class Children:
     def stop(self, order: Sequence[str] = (), last: Sequence[str] = ()) -> dict[str, int]:
         """SIGTERM to all, those of `order` first, then SIGINT, then SIGKILL; returns every exit code.
 
-        SIGTERM goes first because a process that is still importing ends on it without a traceback. Those of `last` go on
-        until all others have ended, at most `LAST_GRACE`: a recorder hears the last words of the others.
+        SIGTERM goes first because a process that is still importing ends on it without a traceback. Those of `last` go
+        on until all others have ended, at most `LAST_GRACE`: a recorder hears the last words of the others.
         """
         others = list(dict.fromkeys(name for name in (*order, *self.processes) if name not in last))
         if last:

@@ -58,7 +58,7 @@ def request_real_time() -> list[str]:
 
 
 def leave_real_time(thread: int = 0) -> None:
-    """For a thread beside the loop, by its kernel id (0: the calling one): ordinary scheduling, ahead of other programs.
+    """For a thread beside the loop, by its kernel id (0: this one): ordinary scheduling, ahead of other programs.
 
     A thread under SCHED_FIFO is not interrupted by its equals: half a second of set-up or goal checking in the executor
     would hold up the loops of all nodes on that processor, and the kernel's limit for real-time threads (95 %) with it.
