@@ -53,9 +53,10 @@ def lost_ticks(gap: int, level: float, limits: SafetyLimits) -> tuple[float, lis
     `level` is what was lost and is not forgiven yet; every tick that comes forgives a tenth. So ten lost in a row stop
     the robot, and so does every second one lost for 25 ticks: the laws count on their period.
     """
+    level = level - FORGIVEN if level > FORGIVEN else 0.0
     if gap <= 0:
-        return (level - FORGIVEN if level > FORGIVEN else 0.0), []
-    level = level - FORGIVEN + gap if level > FORGIVEN else float(gap)
+        return level, []
+    level += gap
     action, bound = Action.REPORT, 1.0
     if level >= limits.gate.age_limit:
         action, bound = Action.CONTROLLED_STOP, float(limits.gate.age_limit)

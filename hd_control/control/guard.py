@@ -92,9 +92,7 @@ class Guard:
             return Mode.INACTIVE
         if self.gate.stopped != 0.0:
             return Mode.STOPPED
-        if self.controlled:
-            return Mode.HOLDING if stop.resting(self.stop) else Mode.STOPPING
-        return Mode.ACTIVE
+        return Mode.HOLDING if stop.resting(self.stop) else Mode.STOPPING
 
     @property
     def stopped(self) -> bool:
@@ -205,18 +203,15 @@ class Guard:
         return []
 
     def _reopened(self, new: Block) -> Block:
-        applied = self.gate.last_torque.copy()
-        new.last_tick = self._tick
-        new.last_torque = applied
-        return gate.activate(new, self.limits.gate, applied) if new.active == 1.0 else new
+        """After a reset: ticks of the source count again, the torque goes on from the one that was held."""
+        new.last_tick, new.last_torque = self._tick, self.gate.last_torque
+        return new
 
     def _input_faults(self, command: FloatArray, ages: FloatArray, ticks: FloatArray) -> list[Fault]:
         """Commands that are not finite, too old, or not newer than the last ones."""
         finite = np.isfinite(command)
         fresh = (ticks > self._tick) & (ticks <= gate.LARGEST_TICK)
         young = (ages >= 0.0) & (ages < self._age_limit)
-        if (finite & fresh & young).all():
-            return []
         found = []
         for code, good, values, bounds in (
             (FaultCode.NOT_FINITE, finite, command, self._no_age),
@@ -231,21 +226,19 @@ class Guard:
 
     def _envelope_faults(self) -> list[Fault]:
         """A joint that is too fast, or moves outward and could no longer stop inside: q + v|v| / (2 a) outside."""
-        position, velocity = self._position, self._velocity
-        end = position + velocity * np.abs(velocity) / self._twice_deceleration
-        inside, slow = (self.low <= end) & (end <= self.high), np.abs(velocity) <= self._speed
-        if (inside & slow).all() or not self._emitting:
+        if not self._emitting:
             return []
-        found = [
-            Fault(FaultCode.OVERSPEED, int(j), float(velocity[j]), float(self._speed[j]), Action.CONTROLLED_STOP)
-            for j in np.flatnonzero(~slow & np.isfinite(velocity))
-        ]
-        for j in np.flatnonzero(~inside):
-            above, v = bool(end[j] > self.high[j]), float(velocity[j])
-            if (above and v > OUTWARD_SPEED) or (end[j] < self.low[j] and v < -OUTWARD_SPEED):
-                bound = float(self.high[j] if above else self.low[j])
-                found.append(Fault(FaultCode.ENVELOPE, int(j), float(end[j]), bound, Action.CONTROLLED_STOP))
-        return found
+        velocity, low, high = self._velocity, self.low, self.high
+        end = self._position + velocity * np.abs(velocity) / self._twice_deceleration
+        fast = (np.abs(velocity) > self._speed) & np.isfinite(velocity)
+        outward = ((end > high) & (velocity > OUTWARD_SPEED)) | ((end < low) & (velocity < -OUTWARD_SPEED))
+        bound, action = np.where(velocity > 0.0, high, low), Action.CONTROLLED_STOP
+        return [
+            *(Fault(FaultCode.OVERSPEED, int(j), float(velocity[j]), float(self._speed[j]), action)
+              for j in np.flatnonzero(fast)),
+            *(Fault(FaultCode.ENVELOPE, int(j), float(end[j]), float(bound[j]), action)
+              for j in np.flatnonzero(outward)),
+        ]  # fmt: skip
 
     def _stop(self, found: Sequence[Fault], action: Action) -> None:
         """Begins what the strongest fault demands; a stop that runs is never replaced by a weaker one."""
@@ -269,9 +262,9 @@ class Guard:
             joint = max(joint, 0)
             bound = float(self.stop.first_speed[joint]) + stop.SPEED_MARGIN
             found.append(Fault(FaultCode.STOP_LEFT, joint, float(velocity[joint]), bound, Action.TORQUE_RAMP))
-            self.gate, self.controlled = gate.stopped_by(self.gate, FaultCode.STOP_LEFT, joint), False
+            self.gate = gate.stopped_by(self.gate, FaultCode.STOP_LEFT, joint)
         elif 0 < self.hold_samples <= self.stop.elapsed:
-            self.gate, self.controlled = gate.stopped_by(self.gate, FaultCode.STOP_LEFT, -1), False
+            self.gate = gate.stopped_by(self.gate, FaultCode.STOP_LEFT, -1)
         return self._through(torque, self._no_age, self.gate.last_tick + 1.0)
 
     def _through(self, command: FloatArray, ages: FloatArray, ticks: FloatArray) -> tuple[FloatArray, list[Fault]]:

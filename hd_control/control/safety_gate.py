@@ -194,7 +194,7 @@ def _reference(j: int, limits: Block, state: Block) -> float:
     last, limit = float(state.last_torque[j]), float(limits.torque_limit[j])
     if -limit <= last <= limit:
         return last
-    return limit if last > limit else (-limit if last < -limit else 0.0)
+    return 0.0 if math.isnan(last) else math.copysign(limit, last)
 
 
 def _limit_command(u: float, j: int, limits: Block, state: Block, faults: list[Fault]) -> float:

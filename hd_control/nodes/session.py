@@ -180,7 +180,7 @@ class Session:
         self._wait_recorded(tick)
 
     def _wait_recorded(self, tick: int) -> None:
-        """Waits a while until the recorder has the sensors and commands before `tick`; without commands it never has."""
+        """Waits a while until the recorder has sensors and commands up to `tick`; without commands it never has."""
         end = time.monotonic() + RECORDED_TIMEOUT
         while self.plan.bag is not None and self.client.recorded < tick - 1 and time.monotonic() < end:
             time.sleep(0.005)

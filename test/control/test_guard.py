@@ -126,6 +126,7 @@ def test_the_stop_torque_is_the_formula():
     assert new.elapsed == 1.0 and state.elapsed == 0.0
     assert not stop.resting(new) and stop.resting(stop.initial_stop(N))
     assert stop.left(state, np.array([0.79, 0.3])) == -1
+    assert stop.left(state, np.array([0.5 + stop.SPEED_MARGIN, 0.0])) == -1
     assert stop.left(state, np.array([-0.81, 0.0])) == 0 and stop.left(state, np.array([0.0, math.nan])) == 1
 
 
@@ -169,6 +170,37 @@ def test_f42_leaving_the_stop_makes_it_a_ramp():
     assert [(f.code, f.joint, f.value, f.limit) for f in faults] == [(FaultCode.STOP_LEFT, 1, 0.4, 0.3)]
 
 
+@pytest.mark.parametrize("joint", [0, 1])
+def test_f42_names_the_joint_that_left(joint):
+    bench = Bench()
+    bench.send(demands=[demand(Action.CONTROLLED_STOP)])
+    bench.guard.measured.motor_velocity[joint] = 0.4
+    _, faults = bench.send()
+    assert [(f.code, f.joint) for f in faults] == [(FaultCode.STOP_LEFT, joint)]
+    assert bench.guard.gate.stop_joint == joint
+
+
+@pytest.mark.parametrize(("offset", "stops"), [(0.0, False), (2.0**-40, True), (-(2.0**-40), False)])
+def test_exactly_on_its_bounds_a_joint_may_be(offset, stops):
+    """Numbers that have no rounding: with 2a = 16 rad/s^2 and 1 rad/s the way to stop is 1/16 rad."""
+    for side in (1.0, -1.0):
+        bench = Bench()
+        bench.guard._twice_deceleration[:] = 16.0
+        bench.guard.measured.joint_position = [side * (3.0 - 1.0 / 16.0 + offset), 0.0]
+        bench.guard.measured.joint_velocity = [side, side * bench.guard._speed[1]]
+        bench.guard.low, bench.guard.high = np.array([-3.0, -10.0]), np.array([3.0, 10.0])
+        _, faults = bench.send(demands=[demand(Action.REPORT)])
+        assert [f.code for f in faults if f.code is not FaultCode.CONTACT] == [FaultCode.ENVELOPE] * stops
+        assert bench.guard.controlled is stops
+
+
+def test_the_last_tick_that_a_double_counts_is_used_beside_another_finding():
+    bench = Bench()
+    bench.send(tick=2.0**53 - 1.0)
+    _, faults = bench.send(tick=2.0**53, demands=[demand(Action.REPORT)])
+    assert [f.code for f in faults] == [FaultCode.CONTACT] and not bench.guard.stopped
+
+
 def test_a_stop_that_loses_its_sensor_becomes_a_ramp():
     bench = Bench()
     bench.send(demands=[demand(Action.CONTROLLED_STOP)])
@@ -182,15 +214,31 @@ def test_the_drive_side_holds_only_while_its_brakes_close():
     outs = [bench.send(math.nan)[0][0] for _ in range(7)]
     np.testing.assert_allclose(outs[:4], HOLD[0], rtol=1e-3)
     assert outs[4:] == [0.0, 0.0, 0.0] and bench.guard.mode is Mode.STOPPED
+    assert (bench.guard.gate.stop_code, bench.guard.gate.stop_joint) == (FaultCode.STOP_LEFT, -1.0)
+    shortest = Bench(hold_samples=1)
+    shortest.send(math.nan)
+    assert shortest.guard.mode is Mode.STOPPED
+
+
+def test_the_law_side_holds_without_end_and_counts_its_own_samples():
+    guard = Guard(limits(), LOW, HIGH, SPEED, DT)
+    assert guard.healthy == 0 and guard.last_tick.tolist() == [-1.0] * N
+    guard.activate(HOLD)
+    for tick in range(50):
+        guard.step(np.full(N, math.nan), np.zeros(N), np.full(N, float(tick)))
+        assert guard.controlled and guard.gate.last_tick.tolist() == [float(tick)] * N
+    assert [mode.value for mode in Mode] == [0, 1, 2, 3, 4]
 
 
 def test_f39_twenty_rate_excesses_in_a_row_become_a_controlled_stop():
     bench = Bench()
     for k in range(25):
+        held = bench.guard._mean.copy()
         out, faults = bench.send([1200.0 if k % 2 else -1200.0, -7.0])
         if bench.guard.stopped:
             break
     assert k == 19 and bench.guard.controlled
+    np.testing.assert_allclose(out, held, rtol=1e-3)  # the stop acts in this sample, not the command
     assert (FaultCode.RATE_PERSISTENT, Action.CONTROLLED_STOP) in [(f.code, f.action) for f in faults]
     assert bench.guard.healthy == 0 and np.all(np.abs(out) < 1200.0)
 
@@ -207,6 +255,8 @@ def test_f39_twenty_rate_excesses_in_a_row_become_a_controlled_stop():
         ([0.0, 2.1], [0.0, 0.06], True),
         ([0.0, -2.1], [0.0, -0.06], True),
         ([0.0, -2.1], [0.0, -0.04], False),
+        ([0.0, 2.1], [0.0, 0.05], False),
+        ([0.0, -2.1], [0.0, -0.05], False),
     ],
 )
 def test_f40_the_braking_envelope(position, velocity, stops):
@@ -260,6 +310,17 @@ def test_reset_after_a_ramp_and_reset_of_nothing():
     assert out.tolist() == HOLD.tolist()
 
 
+def test_a_reset_waits_for_the_end_of_the_ramp():
+    bench = Bench()
+    bench.guard.gate.last_torque = [1150.0, 0.0]
+    bench.send(demands=[demand(Action.TORQUE_RAMP)])
+    bench.guard.healthy = 10_000
+    assert bench.guard.reset() == ["joint_1 torque ramp runs at 480 N m; wait for zero"]
+    bench.send()
+    bench.guard.healthy = 10_000
+    assert bench.guard.reset() == []
+
+
 def test_ticks_that_stood_during_a_stop_go_on_after_the_reset():
     """While stopped the gate counts its own ticks; after the reset those of the source count again."""
     bench = Bench()
@@ -276,6 +337,7 @@ def test_deactivation_ends_the_torque_and_keeps_the_latch():
     bench = Bench()
     bench.send(demands=[demand(Action.CONTROLLED_STOP)])
     bench.guard.deactivate()
+    assert (bench.guard.gate.stop_code, bench.guard.gate.stop_joint) == (FaultCode.STOP_LEFT, -1.0)
     assert bench.send()[0].tolist() == [0.0, 0.0] and bench.guard.mode is Mode.INACTIVE
     bench.guard.activate(np.zeros(N))
     assert bench.guard.mode is Mode.STOPPED and bench.send()[0].tolist() == [0.0, 0.0]
@@ -319,6 +381,7 @@ def test_f01_lost_ticks(gap, level, new, action):
     if action is not None:
         bound = {Action.REPORT: 1.0, Action.DEGRADE: 3.0, Action.CONTROLLED_STOP: 10.0}[action]
         assert faults[0].code is FaultCode.FRAME_LOST and faults[0].limit == bound and faults[0].value == found
+        assert faults[0].joint == -1, "a lost tick is lost for all joints"
 
 
 def adaptation_case(at_bound="coulomb_torque", side="high"):
@@ -353,6 +416,38 @@ def test_f34_an_estimate_at_its_bound_with_a_growing_error(name, side, growth, a
         assert seen[-1][2:] == (FaultCode.ADAPTATION, action)
 
 
+def test_f34_the_error_is_a_mean_of_about_ten_looks():
+    params, state = adaptation_case("")
+    sample, reference = torque_layout("TorqueSample", N).zeros(), np.zeros(3 * N)
+    sample.joint_position, reference[N : 2 * N] = [0.03, 0.05], [0.05, 0.03]
+    memory = watchers.initial(N)
+    for expected in (0.002, 0.0038):
+        memory, _ = watchers.watch(memory, state, params, sample, reference, limits().guard, 0.01)
+        np.testing.assert_allclose(memory.error, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("error", "then", "since", "action"),
+    [
+        (0.04, 0.02, 1.0, Action.DEGRADE),
+        (0.08, 0.02, 1.0, Action.CONTROLLED_STOP),
+        (0.0799, 0.02, 1.0, Action.DEGRADE),
+        (0.0399, 0.02, 1.0, None),
+        (0.01, 0.001, 1.0, None),
+        (0.08, 0.02, 0.5, None),
+    ],
+)
+def test_f34_exactly_on_its_thresholds(error, then, since, action):
+    """Growth counts from its threshold on; the time and the smallest error must be exceeded."""
+    params, state = adaptation_case()
+    sample, reference = torque_layout("TorqueSample", N).zeros(), np.zeros(3 * N)
+    memory, bounds = watchers.initial(N), limits().guard.copy()
+    bounds.adaptation_time = 1.0
+    sample.joint_position, memory.error, memory.error_at_bound, memory.time_at_bound = error, error, then, since
+    _, faults = watchers.watch(memory, state, params, sample, reference, bounds, 0.5)
+    assert [(f.joint, f.action) for f in faults] == ([] if action is None else [(1, action)])
+
+
 def test_f34_small_errors_missing_bounds_and_missing_readings_do_not_count():
     params, state = adaptation_case()
     sample, reference = torque_layout("TorqueSample", N).zeros(), np.zeros(3 * N)
@@ -373,9 +468,10 @@ def test_twenty_rate_excesses_without_a_motor_position_become_a_ramp():
     bench = Bench()
     bench.guard.measured.motor_position = math.nan
     for k in range(25):
-        out, _ = bench.send([1200.0 if k % 2 else -1200.0, -7.0])
+        out, faults = bench.send([1200.0 if k % 2 else -1200.0, -7.0])
         if bench.guard.stopped:
             break
+    assert FaultCode.STOP_LEFT not in [fault.code for fault in faults], "no stop began that could be left"
     assert k == 19 and bench.guard.mode is Mode.STOPPED and not bench.guard.controlled and abs(out[0]) < 670.0
 
 

@@ -252,6 +252,39 @@ class TestBothForms:
         turned, new_turned, _ = send(gate, command[order], moved, bounds=bounds)
         assert same(turned, out[order]) and same(new_turned.saturated_samples.copy(), new.saturated_samples[order])
 
+    def test_at_the_limit_and_exactly_one_step_away_nothing_is_limited(self, gate):
+        top, bottom = LIMIT.copy(), -LIMIT
+        for applied, command in ((top, top), (bottom, bottom), (top, top - STEP), (bottom, bottom + STEP)):
+            out, _, faults = send(gate, command, opened(applied=applied))
+            assert same(out, command) and faults == []
+
+    def test_a_limit_below_one_keeps_its_sign(self, gate):
+        small = limits(torque_limit=np.full(N, 0.5), torque_step=np.full(N, 2.0))
+        out, _, _ = send(gate, [0.7, -0.7, 0.2], opened(), bounds=small)
+        assert out.tolist() == [0.5, -0.5, 0.2]
+
+    def test_f38_tells_how_far_the_command_was_from_the_torque_that_left(self, gate):
+        _, _, faults = send(gate, [60.0, -20.0, 0.0], opened(applied=(80.0, -10.0, 0.0)))
+        assert [(f.code, f.joint, f.value, f.limit) for f in faults] == [
+            (FaultCode.RATE_LIMITED, 0, -20.0, 10.0),
+            (FaultCode.RATE_LIMITED, 1, -10.0, 4.0),
+        ]
+
+    @pytest.mark.parametrize(
+        ("memory", "first"), [(1e308, 90.0), (-1e308, -90.0), (math.nan, 0.0), (100.0, 90.0), (-10.0, 0.0), (10.0, 0.0)]
+    )
+    def test_the_ramp_begins_inside_the_limit_whatever_the_memory_holds(self, gate, memory, first):
+        state = sg.stopped_by(opened(), FaultCode.CONTACT, 0)
+        state.last_torque[0] = memory
+        out, _, _ = send(gate, 0.0, state)
+        assert same(out, np.array([first, 0.0, 0.0]))
+
+
+def test_the_gate_before_activation_remembers_nothing():
+    state, measured = sg.initial_gate_state(N), sg.new_measured(N)
+    assert state.stop_joint == -1.0 and state.last_tick.tolist() == [-1.0] * N and state.active == 0.0
+    assert measured.joint_position.tolist() == measured.joint_velocity.tolist() == [0.0] * N
+
 
 class TestReset:
     def stopped(self, healthy=5):
@@ -292,7 +325,11 @@ class TestReset:
         measured = sg.new_measured(N)
         measured.joint_velocity[2] = 1.0
         _, reasons = sg.reset(state, measured, limits())
-        assert len(reasons) == 3 and any("torque ramp runs at 85 N m" in reason for reason in reasons)
+        assert reasons == [
+            "inputs healthy for 0 samples, 5 needed; wait or repair them",
+            "joint_1 torque ramp runs at 85 N m; wait for zero",
+            "joint_3 moves with 1 rad/s, limit 0.01 rad/s; wait for rest",
+        ]
 
     def test_activation_does_not_end_a_stop(self):
         state = sg.activate(self.stopped(), limits(), np.zeros(N))

@@ -2,32 +2,50 @@
 
 from __future__ import annotations
 
+GATE, GUARD, LOOP = (f"hd_control.control.{name}" for name in ("safety_gate", "guard", "adaptation_monitor"))
+SENSORS, STUCK = (f"hd_control.sensing.{name}" for name in ("sensor_monitors", "stuck_monitor"))
+SHORT_CUT = "a short cut: the lines behind it come to the same"
 EQUIVALENT: dict[tuple[str, str, str], str] = {
     (
-        "hd_control.control.safety_gate",
+        GATE,
         "return out, Block(gate_state.layout, new_array), faults_from_rows(rows, count) if count else []",
         "condition -> True",
     ): "no rows make an empty list as well",
+    (GATE, "u = limit if u > 0.0 else -limit", "Gt -> GtE"): "u is beyond a limit above 0, so it is not 0",
+    (GATE, "return high if u > high else low", "Gt -> GtE"): "u is not between low and high, so it is not high",
     (
-        "hd_control.control.safety_gate",
-        "u = limit if u > 0.0 else -limit",
-        "Gt -> GtE",
-    ): "u is beyond a limit above 0, so it is not 0",
-    (
-        "hd_control.control.safety_gate",
-        "return high if u > high else low",
-        "Gt -> GtE",
-    ): "u is not between low and high, so it is not high",
-    (
-        "hd_control.control.adaptation_monitor",
-        "return (level - FORGIVEN if level > FORGIVEN else 0.0), []",
+        GATE,
+        "return last - step if last > step else (last + step if last < -step else 0.0)",
         "Gt -> GtE",
     ): "at equality both are 0",
     (
-        "hd_control.control.slow_motion",
-        "self.slope = 0.0",
-        "0.0 -> 1.0",
-    ): "set anew by each step, before it is used",
+        GATE,
+        "return last - step if last > step else (last + step if last < -step else 0.0)",
+        "Lt -> LtE",
+    ): "at equality both are 0",
+    (
+        GUARD,
+        "if self._emitting and not demands and self._quiet(command, ages, ticks):",
+        "condition -> False",
+    ): "the long way comes to the same bit for bit: test_guard_ordinary.py",
+    (GUARD, "if not faults:", "condition -> False"): "the long way comes to the same bit for bit",
+    (GUARD, "if found:", "condition -> True"): "looking once more at a state that has not changed",
+    (
+        GUARD,
+        "stops = [fault for fault in faults if fault.action >= Action.CONTROLLED_STOP]",
+        "GtE -> Gt",
+    ): "the gate demands ramps or nothing, never a controlled stop",
+    (LOOP, "level = level - FORGIVEN if level > FORGIVEN else 0.0", "Gt -> GtE"): "at equality both are 0",
+    (LOOP, "if _monitors.all_below(torque, rail):", "condition -> False"): SHORT_CUT,
+    (LOOP, "if not long.any():", "condition -> False"): SHORT_CUT,
+    (SENSORS, "if follow:", "condition -> False"): SHORT_CUT,
+    (SENSORS, "if ordinary:", "condition -> False"): SHORT_CUT,
+    (SENSORS, "if not ordinary:", "condition -> True"): SHORT_CUT,
+    (SENSORS, "if _monitors.all_below(gauge, limits.gauge_free):", "condition -> False"): SHORT_CUT,
+    (SENSORS, "if _monitors.all_near(motor, joint, limits.twist_limit):", "condition -> False"): SHORT_CUT,
+    (SENSORS, "way = np.where(whole, travel, 1.0)", "1.0 -> 2.0"): "used only where the turn is whole",
+    (STUCK, "if ordinary:", "condition -> False"): SHORT_CUT,
+    ("hd_control.control.slow_motion", "self.slope = 0.0", "0.0 -> 1.0"): "set anew by each step, before it is used",
 }
 """Module, line of code, change: reason."""
 

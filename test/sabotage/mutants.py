@@ -19,7 +19,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 GATE = ("test/control/test_safety_gate.py",)
 GUARD = ("test/control/test_guard.py", "test/control/test_guard_ordinary.py")
-SENSORS = ("test/sensing/test_sensor_monitors.py",)
+SENSORS = ("test/sensing/test_sensor_monitors.py", "test/sensing/test_monitors_long_way.py")
 DEGRADED = ("test/stages/test_degraded.py",)
 MODULES = {
     "hd_control.control.safety_gate": GATE,
@@ -152,6 +152,9 @@ SERVER = (
     FINDER
     + """
 import hypothesis, numpy, pinocchio, pytest
+class SlowLast:
+    def pytest_collection_modifyitems(self, items):
+        items.sort(key=lambda item: hasattr(item.obj, "hypothesis"))
 for line in sys.stdin:
     module, source, path, seconds, tests = json.loads(line)
     child = os.fork()
@@ -161,7 +164,7 @@ for line in sys.stdin:
             os.dup2(quiet, number)
         signal.setitimer(signal.ITIMER_PROF, seconds)
         sys.meta_path.insert(0, Finder(module, source, path))
-        os._exit(int(pytest.main([*OPTIONS, *tests])))
+        os._exit(int(pytest.main([*OPTIONS, *tests], plugins=[SlowLast()])))
     print(json.dumps(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])), flush=True)
 """
 )
