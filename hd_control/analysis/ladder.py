@@ -124,6 +124,21 @@ def split_recording(recording: Recording, share: float = 0.7) -> Split:
 
 def climb(split: Split, model: Model, joint: str, limit: int = LIMIT) -> JointLadder:
     """The ladder of one joint. Raises HdError if the signals allow no residual channel."""
+    found = _climb(split, model, joint, limit)
+    return replace(found, rungs=_with_possible_floors(found.rungs))
+
+
+def _with_possible_floors(rungs: tuple[LadderRung, ...]) -> tuple[LadderRung, ...]:
+    """Noise is never more than what any model leaves on data that were not used for its fit: next to a large missing
+    effect it is estimated too high, and the rung that has the effect shows it."""
+
+    def floor(name: str, estimated: float) -> float:
+        return min([estimated, *(rung.held_out[name] for rung in rungs if name in rung.held_out)])
+
+    return tuple(replace(rung, floor={n: floor(n, value) for n, value in rung.floor.items()}) for rung in rungs)
+
+
+def _climb(split: Split, model: Model, joint: str, limit: int) -> JointLadder:
     train, held = judges = _Judge(split.train, joint), _Judge(split.held_out, joint)
     fitted = fit_joint(train.task(model), model.joint(joint))
     refitted = _with(model, joint, fitted)
