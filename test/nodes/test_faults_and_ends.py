@@ -52,7 +52,7 @@ def test_f18_killed_torque_node_stops_the_plant_in_ten_ticks_and_latches(tmp_pat
         assert all(session.alive(node) for node in ("plant_node", "fusion_node", "motion_node"))
     codes = session.exit_codes
     assert codes.pop("torque_node") == -signal.SIGKILL
-    assert set(codes.values()) == {0}
+    assert set(codes.values()) == {0}, codes
     [box] = black_boxes(tmp_path / "boxes" / "arm" / "plant_node")
     assert box.name == "000001_HD-F18"
     bag = BagReader(box)

@@ -12,7 +12,7 @@ SEAM = "hd_sim/drive_seam.py"
 SENSORS = "hd_control/sensing/sensor_monitors.py"
 T_GATE, T_GUARD = "test/control/test_safety_gate.py", "test/control/test_guard.py"
 T_SENSORS, T_FAULTS = "test/sensing/test_sensor_monitors.py", "test/hd_sim/test_fault_campaign.py"
-T_SEAM = "test/hd_sim/test_drive_seam.py"
+T_SEAM, T_LONG_WAY = "test/hd_sim/test_drive_seam.py", "test/sensing/test_monitors_long_way.py"
 T_MOTION, T_BOX = "test/stages/test_degraded.py", "test/stages/test_black_box.py"
 QUICK = ("S1", "S2", "S3", "S4", "S8", "S9", "S10")
 """Names of those that the quick lane tries as well."""
@@ -50,8 +50,8 @@ BUGS = [
     (
         "S5 sign in the envelope",
         GUARD,
-        "end = position + velocity *",
-        "end = position - velocity *",
+        "end = self._position + velocity *",
+        "end = self._position - velocity *",
         T_GUARD + " -k f40",
     ),
     (
@@ -93,8 +93,8 @@ BUGS = [
     (
         "S11 restart from zero torque",
         GUARD,
-        "        new.last_torque = applied\n        return gate.activate(new, self.limits.gate, applied)",
-        "        return gate.activate(new, self.limits.gate, 0.0 * applied)",
+        "new.last_tick, new.last_torque = self._tick, self.gate.last_torque",
+        "new.last_tick, new.last_torque = self._tick, 0.0",
         T_GUARD + " -k stays_until",
     ),
     ("S13 age test one sample late", GUARD, "(ages < self._age_limit)", "(ages <= self._age_limit)", T_GUARD),
@@ -104,10 +104,16 @@ BUGS = [
         SENSORS,
         "    change = modular(reading - predicted, period)\n",
         "    change = reading - predicted\n",
-        T_SENSORS,
+        T_SENSORS + " " + T_LONG_WAY,
     ),
     ("S16 rejects for ever", SENSORS, "    stays = gone & (", "    stays = gone & False & (", T_SENSORS),
-    ("S17 frozen test at standstill", SENSORS, "    found = moved & (repeats", "    found = (repeats", T_SENSORS),
+    (
+        "S17 frozen test at standstill",
+        SENSORS,
+        "    found = (np.abs(position - start) > moved) & (repeats",
+        "    found = (repeats",
+        T_LONG_WAY,
+    ),
     (
         "S19 adaptation goes on in A1",
         STAGE,
@@ -240,9 +246,9 @@ BUGS = [
     ),
     (
         "stuck position sensor expected nowhere",
-        "hd_control/sensing/stuck_monitor.py",
-        "positions[ENCODER] - twist",
-        "positions[RESOLVER] - twist",
+        "hd_control/cpp/monitors.hpp",
+        "partner + twist[j] : partner - twist[j];",
+        "partner + twist[j] : positions[i] - twist[j];",
         "test/sensing/test_sensor_monitors.py -k f03",
     ),
 ]

@@ -11,6 +11,12 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "return out, Block(gate_state.layout, new_array), faults_from_rows(rows, count) if count else []",
         "condition -> True",
     ): "no rows make an empty list as well",
+    (GATE, "if -limit <= last <= limit:", "LtE -> Lt"): "the next line gives the limit with its sign as well",
+    (
+        GUARD,
+        "bound, action = np.where(velocity > 0.0, high, low), Action.CONTROLLED_STOP",
+        "Gt -> GtE",
+    ): "used only for joints that move outward, faster than 0.05 rad/s",
     (GATE, "u = limit if u > 0.0 else -limit", "Gt -> GtE"): "u is beyond a limit above 0, so it is not 0",
     (GATE, "return high if u > high else low", "Gt -> GtE"): "u is not between low and high, so it is not high",
     (

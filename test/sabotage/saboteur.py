@@ -9,6 +9,9 @@ from pathlib import Path
 
 from mutants import ROOT, notices, notices_library
 
+EXTENSIONS = {"monitors.hpp": "monitors"}
+"""Header -> extension that it is part of, where that is not the one of the torque laws."""
+
 
 def is_noticed(bug: tuple[str, str, str, str, str], folder: Path) -> bool:
     """Does the bug's test turn red? Raises AssertionError if the text to break is not there any more."""
@@ -18,20 +21,21 @@ def is_noticed(bug: tuple[str, str, str, str, str], folder: Path) -> bool:
     broken, asked = source.replace(old, new, 1), shlex.split(tests)
     if file.endswith(".py"):
         return notices(file.removesuffix(".py").replace("/", "."), broken, asked)
-    return notices_library("hd_control._torque", built(file, broken, folder), asked)
+    extension = EXTENSIONS.get(Path(file).name, "torque")
+    return notices_library(f"hd_control._{extension}", built(extension, file, broken, folder), asked)
 
 
-def built(file: str, source: str, folder: Path) -> Path:
-    """The extension of the torque laws with one header replaced: the first folder of the search has it."""
+def built(extension: str, file: str, source: str, folder: Path) -> Path:
+    """An extension with one header replaced: the first folder of the search has it."""
     import pybind11
 
     (folder / Path(file).name).write_text(source)
-    for name in ("torque_module.cpp",):  # quoted includes look beside the file first, so it stands beside the header
-        (folder / name).write_text((ROOT / "hd_control" / "cpp" / name).read_text())
-    made = folder / f"_torque{sysconfig.get_config_var('EXT_SUFFIX')}"
+    module = f"{extension}_module.cpp"  # quoted includes look beside the file first, so it stands beside the header
+    (folder / module).write_text((ROOT / "hd_control" / "cpp" / module).read_text())
+    made = folder / f"_{extension}{sysconfig.get_config_var('EXT_SUFFIX')}"
     includes = [folder, ROOT / "hd_control" / "cpp", pybind11.get_include(), sysconfig.get_paths()["include"]]
     flags = ["-std=c++17", "-O1", "-fno-math-errno", "-ffp-contract=off", "-fvisibility=hidden", "-shared", "-fPIC"]
-    command = ["c++", *flags, *(f"-I{path}" for path in includes), str(folder / "torque_module.cpp"), "-o", str(made)]
+    command = ["c++", *flags, *(f"-I{path}" for path in includes), str(folder / module), "-o", str(made)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=900)
     assert done.returncode == 0, done.stderr[-2000:]
     return made
