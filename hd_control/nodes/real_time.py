@@ -64,10 +64,12 @@ def leave_real_time(thread: int = 0) -> None:
     would hold up the loops of all nodes on that processor, and the kernel's limit for real-time threads (95 %) with it.
     """
     try:
+        if os.sched_getscheduler(thread) not in (os.SCHED_FIFO, os.SCHED_RR):
+            return  # real time is off or was not permitted
         os.sched_setscheduler(thread, os.SCHED_OTHER, os.sched_param(0))
         os.setpriority(os.PRIO_PROCESS, thread or threading.get_native_id(), BESIDE)
     except OSError:
-        pass  # nothing was taken, or nothing more is permitted, or the thread has ended
+        pass  # nothing more is permitted, or the thread has ended
 
 
 def demote_middleware() -> list[str]:

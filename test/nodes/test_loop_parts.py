@@ -258,3 +258,36 @@ def test_only_the_loop_keeps_real_time():
     assert beside == "True"
     if loop == "False":
         pytest.skip("this user may not use SCHED_FIFO")
+
+
+THREADS = """
+import ctypes, os, threading
+from hd_control.nodes.real_time import demote_middleware, request_real_time
+
+PR_SET_NAME, end, kept = 15, threading.Event(), {}
+print(any("SCHED_FIFO 40" in note for note in request_real_time()))
+
+def named(name, ready):
+    ctypes.CDLL(None).prctl(PR_SET_NAME, name.encode(), 0, 0, 0)
+    kept[name] = threading.get_native_id()
+    ready.set()
+    end.wait()
+
+for name in ("dds.asyn.0.0", "dds.ev.0", "dds.udp.7410", "dds.shm.7412", "dds.shm.7411", "dds.udp.7413", "signals"):
+    ready = threading.Event()
+    threading.Thread(target=named, args=(name, ready)).start()
+    ready.wait()
+demoted = demote_middleware()
+assert set(demoted) == {name for name, thread in kept.items() if os.sched_getscheduler(thread) == os.SCHED_OTHER}
+print(" ".join(sorted(demoted)))
+end.set()
+"""
+
+
+def test_of_the_middleware_only_receivers_of_data_keep_real_time():
+    """Data ports of RTPS are odd, those of discovery even."""
+    environment = {**os.environ, "HD_REAL_TIME": "auto"}
+    done = subprocess.run([sys.executable, "-c", THREADS], capture_output=True, text=True, env=environment)
+    if done.stdout.startswith("False"):
+        pytest.skip("this user may not use SCHED_FIFO")
+    assert done.stdout.split()[1:] == ["dds.asyn.0.0", "dds.ev.0", "dds.shm.7412", "dds.udp.7410"], done.stderr
