@@ -41,6 +41,8 @@ def survivors_of(chosen):
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         dead = list(pool.map(noticed, chosen))
+    while not servers.empty():
+        servers.get().close()
     return [mutant for mutant, killed in zip(chosen, dead, strict=True) if not killed]
 
 
