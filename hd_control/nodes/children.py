@@ -16,7 +16,8 @@ from hd_control.nodes.process import DISCOVERY
 
 _LIBC = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1
-GRACE = (5.0, 2.0, 2.0)
+GRACE = (10.0, 2.0, 2.0)
+"""s after SIGTERM, SIGINT and SIGKILL; the first is longer than a node's own limit (process.STOP_LIMIT)."""
 LAST_GRACE = 3.0
 
 

@@ -21,7 +21,8 @@ from hd_control.nodes.real_time import demote_middleware, leave_real_time, reque
 if TYPE_CHECKING:
     from hd_control.nodes.lifecycle_shell import Shell
 
-STOP_LIMIT = 4.0
+STOP_LIMIT = 8.0
+"""s after a signal until the process ends itself. It takes less than 2 s unless a busy disk holds up a last black box."""
 DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 
 
@@ -112,6 +113,11 @@ def _serve(node: Shell) -> int:
     return code
 
 
+def _give_up() -> None:
+    print(f"error: not ended in order within {STOP_LIMIT:g} s of the signal", file=sys.stderr, flush=True)
+    os._exit(1)
+
+
 def stop_on_signals(stop: Callable[[], None]) -> None:
     """Calls `stop` from a thread of its own on SIGINT or SIGTERM: the main thread may wait inside the middleware."""
     reader, writer = os.pipe()
@@ -123,7 +129,7 @@ def stop_on_signals(stop: Callable[[], None]) -> None:
     def watch() -> None:
         os.read(reader, 1)
         stop()
-        guard = threading.Timer(STOP_LIMIT, lambda: os._exit(1))
+        guard = threading.Timer(STOP_LIMIT, _give_up)
         guard.daemon = True
         guard.start()
 

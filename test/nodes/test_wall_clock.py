@@ -27,4 +27,4 @@ def test_f17_every_wall_tick_is_published_or_counted_as_skipped(tmp_path: Path) 
         found = session.diagnostics("chain")
         assert int(found["missed"]) <= int(found["skipped"])
         assert int(found["ticks"]) > 0
-    assert session.exit_codes == {"chain": 0}
+    assert session.exit_codes == {"chain": 0}, session.log("chain")
