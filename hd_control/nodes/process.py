@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from hd_control.nodes.lifecycle_shell import Shell
 
 STOP_LIMIT = 8.0
-"""s after a signal until the process ends itself. It takes less than 2 s unless a busy disk holds up a last black box."""
+"""s after a signal until the process ends itself; it takes less than 2 s unless a busy disk holds a black box up."""
 DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 
 
