@@ -84,15 +84,24 @@ def merged(old: dict[str, Any], new: dict[str, Any]) -> dict[str, Any]:
     kept_rows = [row for row in old["results"] if row["name"] not in rows]
     kept_points = [point for point in old["growth"] if point["name"] not in points]
     names = list(dict.fromkeys(entry["name"] for entry in (*kept_rows, *kept_points)))
-    stays = [f"{', '.join(names)}: from an earlier run, load {old['machine']['load']}"] if names else []
-    earlier = [note for note in old["notes"] if "from an earlier run" in note]
-    earlier = [note for note in earlier if not set(note.split(": from")[0].split(", ")) <= rows | points]
     return {
         **new,
         "results": kept_rows + new["results"],
         "growth": kept_points + new["growth"],
-        "notes": [*(earlier or stays), *new["notes"]],
+        "notes": [*_kept_notes(old, names), *new["notes"]],
     }
+
+
+def _kept_notes(old: dict[str, Any], names: list[str]) -> list[str]:
+    """Of which run the rows and curves are that stay: what earlier notes say of them, else the old run's own load."""
+    found, told, mark = [], set[str](), ": from an earlier run"
+    for note in old["notes"]:
+        listed, marked, load = note.partition(mark)
+        left = [name for name in listed.split(", ") if name in names] if marked else []
+        found += [f"{', '.join(left)}{mark}{load}"] if left else []
+        told |= set(left)
+    own = [name for name in names if name not in told]
+    return [*found, *([f"{', '.join(own)}{mark}, load {old['machine']['load']}"] if own else [])]
 
 
 def _rows(arguments: argparse.Namespace, results: list[Result], notes: list[str]) -> None:
