@@ -18,7 +18,7 @@ from hd_control.stages.topics import COMMAND, SENSORS
 
 BATCH_NS = 5_000_000
 FINISH_NS, QUIET_NS = 1_000_000_000, 100_000_000
-SETTLE_NS = 200_000_000
+SETTLE_NS, PATIENT_NS = 200_000_000, 1_500_000_000
 NEEDED = (*SENSORS, COMMAND)
 
 
@@ -104,7 +104,8 @@ class RecorderTurn:
         if not ready:
             self._announce_at = None
         elif self._announce_at is None:
-            self._announce_at = now + SETTLE_NS
+            whole = all(topic.subscription.handle.get_publisher_count() for topic in self._topics if topic.chain)
+            self._announce_at = now + (SETTLE_NS if whole else PATIENT_NS)  # without a node its topics never come
         elif now >= self._announce_at:
             self._announced = True
             self._tell(0)
