@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import random
 import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,7 +32,7 @@ def pytest_report_header() -> str:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """All tests of nodes count as live: they meet in one process with ROS."""
     for item in items:
-        if "nodes" in item.path.parts:
+        if item.path.parent == Path(__file__).parent / "nodes":
             item.add_marker(pytest.mark.process)
 
 

@@ -103,10 +103,12 @@ class RecorderTurn:
         ready = all(topic.subscription.handle.get_publisher_count() for topic in self._topics if topic.name in NEEDED)
         if not ready:
             self._announce_at = None
-        elif self._announce_at is None:
-            whole = all(topic.subscription.handle.get_publisher_count() for topic in self._topics if topic.chain)
-            self._announce_at = now + (SETTLE_NS if whole else PATIENT_NS)  # without a node its topics never come
-        elif now >= self._announce_at:
+            return
+        # Topics of a node that is not there never come; once all are seen the rest of that wait is not needed.
+        whole = all(topic.subscription.handle.get_publisher_count() for topic in self._topics if topic.chain)
+        latest = now + (SETTLE_NS if whole else PATIENT_NS)
+        self._announce_at = latest if self._announce_at is None else min(self._announce_at, latest)
+        if now >= self._announce_at:
             self._announced = True
             self._tell(0)
 

@@ -204,7 +204,7 @@ def message_class(type_name: str) -> Any:
 
 
 def encode_text(text: str) -> bytes:
-    """A std_msgs/String, without the library of types: loops call this, and loading it takes half a second."""
+    """A std_msgs/String, without the library of types: loops call this, and loading that takes hundreds of ticks."""
     data = text.encode() + b"\0"
     return ENCAPSULATION + struct.pack("<I", len(data)) + data
 

@@ -21,11 +21,12 @@ def code_mark() -> str:
     return digest.hexdigest()[:16]
 
 
-def earlier(goal: str, name: str) -> float:
-    """A number of the goal's result if that is of the same code and without a failure; else 0."""
+def earlier(goal: str, name: str, seed: int) -> float:
+    """A number of the goal's result if that is of the same code and first seed and without a failure; else 0."""
     path = FOLDER / f"{goal}.json"
     found = json.loads(path.read_text()) if path.exists() else {}
-    return float(found.get(name, 0.0)) if found.get("code") == code_mark() and not found.get("failures") else 0.0
+    same = (found.get("code"), found.get("seed"), found.get("failures")) == (code_mark(), seed, 0)
+    return float(found.get(name, 0.0)) if same else 0.0
 
 
 def cpu_seconds() -> float:

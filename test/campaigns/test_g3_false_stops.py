@@ -16,14 +16,14 @@ SECONDS, WANTED = 60.0, 100.0
 
 
 def test_g3_no_false_stop():
-    runs, before = max(1, round(HOURS * 3600.0 / (SECONDS * len(PLANTS)))), round(earlier("G3", "runs"))
+    runs, before = max(1, round(HOURS * 3600.0 / (SECONDS * len(PLANTS)))), round(earlier("G3", "runs", SEED))
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         seeds = range(SEED + before, SEED + before + runs)
         rows = list(pool.map(partial(healthy_hours, seconds=SECONDS), seeds))
     found = [text for texts, _ in rows for text in texts]
-    hours = round(sum(part for _, part in rows) + earlier("G3", "hours"), 6)
+    hours = round(sum(part for _, part in rows) + earlier("G3", "hours", SEED), 6)
     asked = "" if hours >= WANTED else f" ({WANTED:g} asked for)"
     words = f"{len(found)} false stops in {hours:.3g} simulated hours{asked}, seeds {SEED} to {seeds[-1]}"
-    done = {"hours": hours, "runs": before + runs, "failures": len(found), "code": code_mark()}
+    done = {"hours": hours, "runs": before + runs, "failures": len(found), "seed": SEED, "code": code_mark()}
     write_result("G3", words, not found and hours >= WANTED, **done)
     assert not found, "\n".join(found[:10])
