@@ -27,6 +27,7 @@ DRAIN_TICKS = 10
 LOOKS = 100
 TOPIC, RUN = "motor_torque_command", "0123456789abcdef"
 TICK_NS = 1_000_000
+PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
 @dataclass(frozen=True)
@@ -41,9 +42,9 @@ class Soak:
     seconds: float
 
 
-def resident_bytes() -> int:
-    """Memory of this process that is in use."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+def resident_bytes(statm: int) -> int:
+    """Memory of this process that is in use, bytes; `statm` is a descriptor, kept open: opening leaves objects behind."""
+    return int(os.pread(statm, 200, 0).split()[1]) * PAGE
 
 
 def soak(bag: Path, ticks: int, seed: int, tell: Callable[[int], None] = lambda tick: None) -> Soak:
@@ -55,7 +56,7 @@ def soak(bag: Path, ticks: int, seed: int, tell: Callable[[int], None] = lambda 
     recorder.add_topic(TOPIC)
     digest, marks = hashlib.sha256(), np.zeros((LOOKS, 3))  # made before, so that looking does not grow
     ends = [home + AMPLITUDE, home]
-    start = time.monotonic()
+    start, statm = time.monotonic(), os.open("/proc/self/statm", os.O_RDONLY)
     gc.collect()
     gc.freeze()  # what was there before does not grow, and need not be looked through again and again
     for tick in range(ticks):
@@ -72,9 +73,10 @@ def soak(bag: Path, ticks: int, seed: int, tell: Callable[[int], None] = lambda 
         look, rest = divmod(tick, ticks // LOOKS)
         if rest == 0 and look < LOOKS:
             gc.collect()
-            marks[look] = tick, sys.getallocatedblocks(), resident_bytes()
+            marks[look] = tick, sys.getallocatedblocks(), resident_bytes(statm)
             tell(tick)
     gc.unfreeze()
+    os.close(statm)
     assert recorder.close() == ""
     at, blocks, resident = marks[LOOKS // 10 :].T
     recorded, problems = _read_back(bag)
