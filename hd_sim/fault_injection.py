@@ -119,7 +119,11 @@ def _raise() -> None:
 
 
 class FaultyRunner(Runner):
-    """A runner whose inputs go through injections. `given` are the torques of the last gate, (n,) N m per tick."""
+    """A runner whose inputs go through injections. `given` are the torques of the last gate, (n,) N m per tick.
+
+    `seen` lists per injection the ticks in which its change reached everything that waits for the topic: where another
+    fault keeps that message, or one it is joined with, away, there was nothing to be seen.
+    """
 
     def __init__(self, setup: RunSetup, injections: Sequence[Injection], seed: int) -> None:
         super().__init__(setup)
@@ -140,6 +144,7 @@ class FaultyRunner(Runner):
     def inject(self, injections: Sequence[Injection]) -> None:
         """From now on these faults, instead of those before."""
         self._faults: dict[str, list[Injection]] = {}
+        self.seen: dict[Injection, list[int]] = {injection: [] for injection in injections}
         for injection in injections:
             self._faults.setdefault(injection.target, []).append(injection)
 
@@ -151,10 +156,16 @@ class FaultyRunner(Runner):
         """One tick; a topic that is missing is not in the result."""
         tick = self.tick
         bus = self._corrupt(tick, sensor_arrays(self.world.measure(tick)))
+        silent: set[str] = set()
         for _, stage in self.stages:
             name = stage.wiring.name
             if all(topic in bus for topic in self._needed[name]) and not self._acts(tick, name, "off"):
                 bus.update(self._corrupt(tick, self._stepped(tick, stage, bus)))
+            else:
+                silent.update(self._needed[name])
+        for injection, ticks in self.seen.items():
+            if injection.on(tick) and injection.target in bus and injection.target not in silent:
+                ticks.append(tick)
         self.world.advance()
         if topics.COMMAND in bus:
             self.world.command(slice(None), bus[topics.COMMAND]["effort"], tick)
@@ -164,8 +175,11 @@ class FaultyRunner(Runner):
         return bus
 
     def _stepped(self, tick: int, stage: Stage, bus: Bus) -> Bus:
-        if not self._acts(tick, stage.wiring.name, "exception"):
+        raising = [i for i in self._faults.get(stage.wiring.name, ()) if i.kind == "exception" and i.on(tick)]
+        if not raising:
             return stage.step(tick, bus)
+        for injection in raising:
+            self.seen[injection].append(tick)
         if stage is not self.torque:
             return {}  # the node's loop ends its turn: silence
         stage.advance = _raise  # type: ignore[method-assign]

@@ -117,6 +117,13 @@ class Plant:
         bias: FloatArray = self._kernel.accelerate(joint_position, zeros, zeros, zeros)[2]
         return bias
 
+    def link_mobility(self, joint_position: ArrayLike) -> FloatArray:
+        """Acceleration of each link (n,) per torque of its own, rad/s^2 per N m: the diagonal of the inverse of M."""
+        zeros = np.zeros(self.joints)
+        inertia = self._kernel.accelerate(joint_position, zeros, zeros, zeros)[1]
+        mobility: FloatArray = np.diagonal(np.linalg.inv(inertia)).copy()
+        return mobility
+
     def true_state(self) -> Block:
         """What no sensor shows: angles, rates, torques, friction. For checks of the simulation only."""
         return Block(self._layouts["PlantTruth"], self._kernel.truth())

@@ -34,7 +34,11 @@ def make_oracle(runner):
         np.array(values[name])[rows] for name in ("motor_torque_limit", "motor_torque_rate_limit", "stop_deceleration")
     )
     low, high = runner.robot.position_low, runner.robot.position_high
-    return RunOracle(torque, rate * runner.period, low, high, deceleration, values["age_limit_samples"])
+    drives = runner.world.seam.plant.config.drives
+    return RunOracle(
+        torque, rate * runner.period, low, high, deceleration, values["age_limit_samples"],
+        drives["rotor_inertia"], drives["stiffness_linear"],
+    )  # fmt: skip
 
 
 def run_case(case):
@@ -49,11 +53,8 @@ def run_case(case):
             start_motion(runner, case)
         used = runner.used_tick
         runner.step()
-        true = plant.state
-        oracle.look(
-            tick, runner.given, seam.armed, seam.stopped, seam.guard.controlled, used,
-            true.joint_position, true.joint_velocity, true.motor_velocity, plant.gravity_torque,
-        )  # fmt: skip
+        stopped, controlled = seam.stopped, seam.guard.controlled
+        oracle.look(tick, runner.given, seam.armed, stopped, controlled, used, plant.state, plant)
         law = runner.torque
         mode = law.mode
         if mode == "DEGRADED" or degraded.since is not None:
@@ -70,7 +71,7 @@ def run_case(case):
     problems = [f"{letter} joint {joint} at tick {tick}" for tick, letter, joint in found]
     problems += black_box_problems(runner, first_stops)
     for injection in case.injections:
-        limit = deadline(injection)
+        limit = deadline(injection, runner.seen[injection])
         if limit is not None and not 0 <= stop_tick <= limit:
             problems.append(f"no stop by tick {limit} ({injection.target} {injection.kind}), stopped at {stop_tick}")
     return Verdict(problems, stop_tick, oracle.fastest, detected)

@@ -43,7 +43,7 @@ class Soak:
 
 
 def resident_bytes(statm: int) -> int:
-    """Memory of this process that is in use, bytes; `statm` is a descriptor, kept open: opening leaves objects behind."""
+    """Memory of this process in use, bytes; `statm` is a descriptor kept open, for opening leaves objects behind."""
     return int(os.pread(statm, 200, 0).split()[1]) * PAGE
 
 

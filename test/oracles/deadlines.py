@@ -6,19 +6,18 @@ SENSORS = ("encoder", "resolver", "gauge_bridge")
 STATES = ("joint_states", "motor_states", "joint_torque_required", "motor_torque_command")
 
 
-def deadline(injection):
-    """The last tick in which the robot may not yet have stopped, or None if the fault demands no stop."""
+def deadline(injection, seen):
+    """The last tick in which the robot may not yet have stopped, or None if the fault demands no stop.
+
+    `seen`: the ticks in which there was something to be seen; silence is seen from its onset on.
+    """
     target, kind, onset, length = injection.target, injection.kind, injection.onset, injection.length
     if kind == "ok" or target == "joint_reference":
         return None
-    if kind == "off" and length >= LOST:
+    if (kind == "off" or (kind == "exception" and target != "torque")) and length >= LOST:
         return onset + LOST
-    if kind == "exception" and target == "torque":
-        return onset + 1
-    if kind == "exception" and length >= LOST:
-        return onset + LOST
-    if kind == "not_finite":
-        if target in SENSORS:
-            return onset + BAD_READINGS if length >= BAD_READINGS else None
-        return onset + 1 if target in STATES else None
+    if kind == "not_finite" and target in SENSORS:
+        return seen[BAD_READINGS - 1] + 1 if len(seen) >= BAD_READINGS else None
+    if (kind == "exception" and target == "torque") or (kind == "not_finite" and target in STATES):
+        return seen[0] + 1 if seen else None
     return None

@@ -7,34 +7,35 @@ import numpy as np
 from oracles.unsafe_torque import judge
 
 SPEED_MARGIN = 0.05
-# A spun-up rotor hands its momentum to the link through the elastic gear: the link may get up to twice its velocity.
-ROTOR_SHARE = 2.0
 FORCE_SHARE = 0.25
 
 
 class RunOracle:
     """`look` once per tick, after it; `found` lists (tick, letter, joint)."""
 
-    def __init__(self, limit, step, low, high, deceleration, age_limit):
+    def __init__(self, limit, step, low, high, deceleration, age_limit, rotor_inertia, stiffness):
         self.limit, self.step = list(limit), list(step)
         self.low, self.high, self.deceleration = np.asarray(low), np.asarray(high), np.asarray(deceleration)
         self.age_limit = age_limit
+        self.rotor_inertia, self.stiffness = np.asarray(rotor_inertia), np.asarray(stiffness)
         self.before = [0.0] * len(self.limit)
         self.outside = np.zeros(len(self.limit), dtype=int)
         self.speed_at_stop = None
         self.found, self.fastest = [], 0.0
 
-    def look(self, tick, torque, armed, stopped, controlled, last_command_tick, position, velocity, rotor, gravity):
+    def look(self, tick, torque, armed, stopped, controlled, last_command_tick, motion, arm):
         """One tick: what the drives got, the state of the drive side, the newest command used, the true motion.
 
-        `gravity` gives the torque that holds the arm at a position.
+        `motion` has joint_position, joint_velocity, motor_velocity and joint_torque; `arm` gives gravity_torque and
+        link_mobility at a position.
         """
         letters = judge(torque.tolist(), self.before, self.limit, self.step, "ACTIVE" if armed else "INACTIVE")
         self.found += [(tick, letter, joint) for letter, joint in letters]
         if armed and not stopped and tick - 1 - last_command_tick >= self.age_limit:
             self.found.append((tick, "f", -1))
-        self._envelope(tick, torque, position, velocity, gravity)
-        self._motion(tick, stopped, controlled, velocity, rotor)
+        velocity = motion.joint_velocity
+        self._envelope(tick, torque, motion.joint_position, velocity, arm.gravity_torque)
+        self._motion(tick, stopped, controlled, motion, arm)
         self.before = torque.tolist()
         self.fastest = max(self.fastest, float(np.abs(velocity).max()))
 
@@ -49,14 +50,23 @@ class RunOracle:
         falling = np.abs(torque) < np.abs(np.asarray(self.before))
         self.found += [(tick, "e", int(j)) for j in np.flatnonzero(outward & ~falling & (self.outside > 10))]
 
-    def _motion(self, tick, stopped, controlled, velocity, rotor):
-        """Condition d for a controlled stop: no joint becomes faster than it was when the stop began."""
+    def _motion(self, tick, stopped, controlled, motion, arm):
+        """Condition d for a controlled stop: it adds no energy to the motion that it found when it began.
+
+        Link, rotor and wound-up spring swing against each other, and what is in all three may show in the link a
+        quarter of a period later. Joints of an arm hand motion to each other, so the largest is the measure for all.
+        """
         if not stopped:
             self.speed_at_stop = None
             return
         if self.speed_at_stop is None:
-            # Joints of an arm hand momentum to each other, so the fastest one at the stop is the measure for all.
-            self.speed_at_stop = float(np.fmax(np.abs(velocity), ROTOR_SHARE * np.abs(rotor)).max())
+            self.speed_at_stop = float(self._speed_in(motion, arm).max())
         if controlled:
-            faster = np.abs(velocity) > self.speed_at_stop + SPEED_MARGIN
+            faster = ~(np.abs(motion.joint_velocity) <= self.speed_at_stop + SPEED_MARGIN)
             self.found += [(tick, "d", int(j)) for j in np.flatnonzero(faster)]
+
+    def _speed_in(self, motion, arm):
+        """The speed of each link, rad/s, if all the energy of its joint were in it alone."""
+        wound = motion.joint_torque - arm.gravity_torque(motion.joint_position)
+        elsewhere = self.rotor_inertia * motion.motor_velocity**2 + wound**2 / self.stiffness
+        return np.sqrt(motion.joint_velocity**2 + elsewhere * arm.link_mobility(motion.joint_position))
