@@ -31,7 +31,8 @@ class Base:
 class Channel:
     """One balance on its decimated rows: `left` (rows,) = base columns and effects; unit of the channel.
 
-    `damping_time` s: of the spring, around which the torsion is linear (transmission only).
+    Transmission only: `damping_time` s of the spring, around which the torsion is linear; `compliance` rad/(N m), a
+    first guess, 0 where it is no spring.
     `noisy` (rows,): rows that are not fitted, for a tone of the encoder's counts falls into the band there.
     `scale`: index of the base column whose coefficient (negated) is a or b; None where the torque stands on the left.
     """
@@ -47,6 +48,7 @@ class Channel:
     snr: float
     damping_time: float = 0.0
     noisy: BoolArray | None = None
+    compliance: float = 0.0
 
     @property
     def fitted(self) -> BoolArray:

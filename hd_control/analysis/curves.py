@@ -200,5 +200,17 @@ def misread(states: DriveStates, columns: FloatArray) -> Columns:
     """What a torque that the gauge adds does: -1 on the rotor, +1 on the link, and a torsion that is not there."""
     found = {MOTOR: -columns, LINK: columns}
     if states.torsional_compliance > 0.0:
-        found[TRANSMISSION] = states.torsional_compliance * (columns - columns.mean(axis=0))
+        torsion = _behind_damper(columns, states.damping_time / states.period)
+        found[TRANSMISSION] = states.torsional_compliance * (torsion - torsion.mean(axis=0))
     return found
+
+
+def _behind_damper(columns: FloatArray, steps: float) -> FloatArray:
+    """Columns (n, k) after 1 / (1 + d s), `steps` = d over the sample period, at rest in the first row."""
+    from scipy.signal import lfilter
+
+    if not steps > 0.0:
+        return columns
+    gain, pole = 1.0 / (1.0 + 2.0 * steps), (2.0 * steps - 1.0) / (2.0 * steps + 1.0)
+    start = (pole + gain) * columns[:1]  # the memory that gives the first row out for the first row in, for ever
+    return np.asarray(lfilter([gain, gain], [1.0, -pole], columns, axis=0, zi=start)[0])

@@ -32,6 +32,7 @@ from hd_control.analysis.torsion import (
     ANGLES,
     LONGEST_DAMPING,
     SIGNAL_DELAY_PRIOR,
+    GearWaves,
     compliance_of,
     torsion_band,
     torsion_base,
@@ -181,17 +182,17 @@ class _Builder:
         band = torsion_band(sp, torsion, self.states.gauge_torque, quiet)
         left = sp.filter(torsion, band)
         valid = self._valid(band, self.derived.usable)
-        damping = self.known.damping_time
+        damping, waves = self.known.damping_time, GearWaves(sp, self.states, band)
         time = s.time[:: band.step]
         for _ in range(DAMPING_ROUNDS):
             base = torsion_base(sp, self.states, filled["joint_position"], band, damping)
             channel = Channel(TRANSMISSION, band, sp, time, valid, left, base, None, np.inf, damping)
-            compliance, change = compliance_of(channel)
+            compliance, change = compliance_of(channel, waves.at(damping))
             damping = float(np.clip(damping + change, 0.0, LONGEST_DAMPING))
         states = replace(self.states, torsional_compliance=compliance)
         base = torsion_base(sp, states, filled["joint_position"], band, damping)
         noisy = self._noisy(band, valid, ANGLES)
-        return Channel(TRANSMISSION, band, sp, time, valid, left, base, None, np.inf, damping, noisy)
+        return Channel(TRANSMISSION, band, sp, time, valid, left, base, None, np.inf, damping, noisy, compliance)
 
     def _channel(
         self,

@@ -182,7 +182,7 @@ class Chase:
         damped = self._redamp(selection)
         better = self._rewound(selection)
         better |= refine(self.dictionary, self.scores, selection)
-        better |= self._stiffer(selection, better)
+        better |= self._misread(selection, better, damped)
         if better:
             self._renew(self.scores.extended(self.dictionary.with_candidates(list(better.values()))))
             fresh = dict(zip(better, self.dictionary.groups[-len(better) :], strict=True))
@@ -224,10 +224,12 @@ class Chase:
         self.dictionary = replace(self.dictionary, equations=replace(equations, states=fresh))
         return {law.name: self._again(law, None) for law in laws}
 
-    def _stiffer(self, selection: Selection, better: Mapping[str, Candidate]) -> dict[str, Candidate]:
-        """Columns of what the gauge misreads, for the stiffness that the fit found."""
+    def _misread(self, selection: Selection, better: Mapping[str, Candidate], damped: bool) -> dict[str, Candidate]:
+        """Columns of what the gauge misreads, for the stiffness and the damping that the fit found."""
         compliance, states = 1.0 / self.fit(selection).torsional_stiffness, self.dictionary.equations.states
-        if not np.isfinite(compliance) or abs(compliance / states.torsional_compliance - 1.0) < STIFFER:
+        if not np.isfinite(compliance):
+            return {}
+        if abs(compliance / states.torsional_compliance - 1.0) < STIFFER and not damped:
             return {}
         states = replace(states, torsional_compliance=compliance)
         self.dictionary = replace(self.dictionary, equations=replace(self.dictionary.equations, states=states))

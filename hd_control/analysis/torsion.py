@@ -12,6 +12,7 @@ from hd_control.analysis.bands import Band, FloatArray, Spectral, band_for
 from hd_control.analysis.channels import Base, Channel, JointEquations
 from hd_control.analysis.joint_states import BoolArray, noise_density
 from hd_control.drive.effect import TRANSMISSION, DriveStates
+from hd_control.drive.shapes import harmonics
 
 SIGNAL_DELAY_PRIOR = 5e-4
 """s, standard deviation of delays between recorded signals that nobody declared; carried along, never a claim. The
@@ -26,6 +27,9 @@ TOP_SNR = 3.0
 FAST = "fast_torque"
 FAST_PRIOR = 0.2
 """Standard deviation of the fast part's own compliance over the compliance."""
+GEAR_ORDERS = (1, 2, 3, 4)
+FEWEST_TURNS = 4.0
+"""Turns of the wave generator from which on its waves are told from motion and torque."""
 SPRING_BAND = (60.0, 95.0)
 """Hz, of the torque that drives hysteresis and other torsion laws: wide, for its reversals must not be late."""
 
@@ -80,9 +84,31 @@ def torsion_band(
     return band_for(period, *BANDS[-1])
 
 
-def compliance_of(channel: Channel) -> tuple[float, float]:
-    """(1/k rad/(N m), change of d s) of a least-squares fit of the base alone; (0, 0) if it is no spring."""
-    columns = channel.base_matrix[channel.valid]
+class GearWaves:
+    """Waves of the turning wave generator, kinematic error or ripple of the gauge: nuisances of a first guess.
+
+    Beside a light link the ripple may be most of what the gauge shows, and torsion knows nothing of it.
+    """
+
+    def __init__(self, spectral: Spectral, states: DriveStates, band: Band) -> None:
+        self.spectral, self.band = spectral, band
+        angle = states.motor_shaft_position
+        turned = np.ptp(angle) >= 2.0 * np.pi * FEWEST_TURNS
+        self._waves = spectral.transform(harmonics(angle, GEAR_ORDERS), np.float32) if turned else None
+
+    def at(self, damping: float) -> FloatArray:
+        """What they do to the torsion columns at `damping` s, (rows, k); k = 0 where the wave generator turns too
+        little to tell them from the motion."""
+        if self._waves is None:
+            return np.empty((self.spectral.rows(self.band), 0))
+        lag = _lag(self.spectral, damping)
+        parts = (self.spectral.back(*self._waves, self.band, power, lag ** (power + 1)) for power in (0, 1))
+        return np.concatenate([*parts], axis=1)
+
+
+def compliance_of(channel: Channel, waves: FloatArray) -> tuple[float, float]:
+    """(1/k rad/(N m), change of d s) of a least-squares fit of base and `waves` (rows, k); (0, 0) if no spring."""
+    columns = np.concatenate([channel.base_matrix, waves], axis=1)[channel.valid]
     if not len(columns):
         return 0.0, 0.0
     scale = np.sqrt((columns**2).mean(axis=0)) + 1e-300
@@ -91,12 +117,13 @@ def compliance_of(channel: Channel) -> tuple[float, float]:
 
 
 def with_spring(states: DriveStates, spectral: Spectral, channel: Channel | None) -> DriveStates:
-    """The states with the torque that the spring carries without the damper, and the compliance as measured."""
+    """The states with the torque that the spring carries without the damper, and compliance and damping as measured."""
     if channel is None:
         return states
     band = band_for(spectral.period, *SPRING_BAND)
     spring = spectral.filter(states.gauge_torque, Band(band.flat, band.zero), 0, _lag(spectral, channel.damping_time))
-    return replace(states, spring_torque=spring, torsional_compliance=compliance_of(channel)[0])
+    compliance, damping = channel.compliance, channel.damping_time
+    return replace(states, spring_torque=spring, torsional_compliance=compliance, damping_time=damping)
 
 
 def with_lost_torsion(

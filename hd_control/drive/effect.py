@@ -46,7 +46,8 @@ class DriveStates:
     `link_regressor` (n, 10) and `tool_regressor` (n, 10): torque at this joint per inertial parameter (mass, first
     moments, inertia about the joint frame's origin) of a body carried by the own link and by the last link; None
     without a robot description. `spring_torque`: the part of the joint torque that spring and hysteresis carry without
-    the damper, None where it is not known apart. `torsional_compliance` 1/k rad/(N m), 0 where it is not known.
+    the damper, None where it is not known apart. `torsional_compliance` 1/k rad/(N m) and `damping_time` d s of spring
+    and damper in parallel, 0 where they are not known.
     """
 
     period: float
@@ -70,6 +71,7 @@ class DriveStates:
     link_regressor: FloatArray | None = None
     tool_regressor: FloatArray | None = None
     torsional_compliance: float = 0.0
+    damping_time: float = 0.0
     spring_torque: FloatArray | None = None
 
     @property

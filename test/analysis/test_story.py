@@ -66,6 +66,14 @@ def errors(ladder: JointLadder) -> str:
     return "; ".join(f"{r.effect}: " + ", ".join(f"{n} {r.ratio(n):.3f}" for n in r.held_out) for r in ladder.rungs)
 
 
+@pytest.mark.parametrize("seed", [7003, 7008])
+def test_a_large_ripple_of_the_gauge_leaves_nothing_unknown(seed: int) -> None:
+    """The damper of the spring drags the torsion that the ripple would mean, the more the faster it turns."""
+    split, model, joint = opened(record_pair(chosen_case(seed, {"gauge_ripple": 5.0}, "general")))
+    found = diagnose_joint(split.train, model, joint)
+    assert ([effect.name for effect in found.effects], found.unknown) == (["gauge_ripple"], None)
+
+
 def test_hysteresis_is_named_and_its_law_leaves_little() -> None:
     """Its reversals are seen through the band of the gauge, so that it does not come down to the noise as others do."""
     split, model, joint = opened(hidden("torsional_hysteresis", 1.0))

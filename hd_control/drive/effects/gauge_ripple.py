@@ -4,7 +4,8 @@
     beta = theta + turn q        theta rotor angle, q joint angle, rad
 
 turn = 0 where the flexspline is fixed to the casing, -1 or +1 where it turns with the joint (by mounting). n = 2 is
-left by a misaligned second gauge pair, n = 4 is not cancelled by any pair at 90 degrees.
+left by a misaligned second gauge pair, n = 4 is not cancelled by any pair at 90 degrees. The torsion that the ripple
+would mean is that of spring and damper in parallel, 1/(k (1 + d s)), at the frequency n beta' of the moment.
 Source: equation sheet 1.6, H(9)-(13). Valid for a ripple that does not depend on load.
 """
 
@@ -71,6 +72,22 @@ class GaugeRipple(Effect):
                 TRANSMISSION: [[0.01 * math.sqrt(0.5)] * 2],
             },
         ),
+        Reference(  # the same at the damper's corner frequency: 45 degrees behind, 3 dB lower
+            {"orders": (2,), "joint_turn": -1},
+            {
+                "motor_position": math.pi / 8.0 + 0.3,
+                "joint_position": 0.3,
+                "motor_velocity": 1.5,
+                "joint_velocity": 0.5,
+                "torsional_compliance": 0.01,
+                "damping_time": 0.5,
+            },
+            {
+                MOTOR: [[-math.sqrt(0.5)] * 2],
+                LINK: [[math.sqrt(0.5)] * 2],
+                TRANSMISSION: [[0.01 * math.sqrt(0.5), 0.0]],
+            },
+        ),
     )
 
     @classmethod
@@ -89,7 +106,8 @@ class GaugeRipple(Effect):
         waves = harmonics(angle + turn * states.joint_position if turn else angle, shape["orders"])
         columns = {MOTOR: -waves, LINK: waves}
         if states.torsional_compliance > 0.0:  # the torsion that the indicated torque would mean is not there
-            columns[TRANSMISSION] = states.torsional_compliance * waves
+            rate = states.gear_ratio * states.motor_velocity + turn * states.joint_velocity
+            columns[TRANSMISSION] = states.torsional_compliance * _behind_damper(waves, rate, shape, states)
         return columns
 
     @classmethod
@@ -102,3 +120,14 @@ class GaugeRipple(Effect):
     def join(cls, shape: Shape, coefficients: FloatArray, context: Context) -> dict[str, float]:
         named = dict(zip(cls.coefficient_names(shape), coefficients.tolist(), strict=True))
         return named | {"joint_turn": float(shape["joint_turn"])}
+
+
+def _behind_damper(waves: FloatArray, rate: FloatArray, shape: Shape, states: DriveStates) -> FloatArray:
+    """The waves (n, 2 orders) after 1 / (1 + d s) at the frequency of each instant; `rate` (n,) rad/s of the angle."""
+    found: FloatArray = waves.copy()
+    for k, order in enumerate(shape["orders"]):
+        cosine, sine = waves[:, 2 * k], waves[:, 2 * k + 1]
+        slip = np.nan_to_num(states.damping_time * order * rate)
+        found[:, 2 * k] = (cosine + slip * sine) / (1.0 + slip**2)
+        found[:, 2 * k + 1] = (sine - slip * cosine) / (1.0 + slip**2)
+    return found
