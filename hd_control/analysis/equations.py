@@ -27,6 +27,7 @@ from hd_control.analysis.joint_states import (
     drive_states,
     noise_density,
 )
+from hd_control.analysis.noise import with_history
 from hd_control.analysis.signals import JointSignals
 from hd_control.analysis.torsion import (
     ANGLES,
@@ -56,7 +57,7 @@ COMMAND_DELAY_PRIOR = 3e-5
 TONE_ORDERS = (1, 2)
 """Harmonics of the encoder's counts that matter in the rotor balance."""
 LEAST_ROWS = 250
-"""A channel with fewer rows in motion is left out: its noise cannot be told from what is missing."""
+"""A channel with fewer rows in motion that can be whitened is left out: noise cannot be told from what is missing."""
 
 DAMPING_ROUNDS = 3
 
@@ -77,7 +78,7 @@ def build_equations(signals: JointSignals, known: Known, link: LinkFunction | No
             substituted.append("gauge_torque")
     builder = _Builder(signals, known, spectral, derived, states, terms, tuple(substituted))
     every = (builder.motor(), builder.transmission(), builder.link())
-    channels = {c.name: c for c in every if c is not None and c.fitted.sum() >= LEAST_ROWS}
+    channels = {c.name: c for c in every if c is not None and (with_history(c.valid) & c.fitted).sum() >= LEAST_ROWS}
     too_short = tuple(c.name for c in every if c is not None and c.name not in channels)
     states = with_spring(states, spectral, channels.get(TRANSMISSION))
     return JointEquations(

@@ -81,17 +81,21 @@ class Noise:
 
     def usable(self, valid: BoolArray) -> BoolArray:
         """Rows whose whole filter history is valid."""
-        bad = np.concatenate([[0], np.cumsum(~valid)])
-        index = np.arange(valid.size)
-        low = index - self.lags.size
-        return np.asarray((low >= 0) & (bad[index + 1] == bad[np.maximum(low, 0)]))
+        return with_history(valid, self.lags.size)
+
+
+def with_history(valid: BoolArray, lags: int = ORDER) -> BoolArray:
+    """Valid rows (n,) behind `lags` valid ones: those that can be whitened, and so fitted."""
+    bad = np.concatenate([[0], np.cumsum(~valid)])
+    index = np.arange(valid.size)
+    low = index - lags
+    return np.asarray((low >= 0) & (bad[index + 1] == bad[np.maximum(low, 0)]))
 
 
 def fit_noise(residual: FloatArray, valid: BoolArray) -> Noise:
     """Least squares on rows with valid history, then once more without the largest residuals (bursts stay visible)."""
     lags = np.zeros(ORDER)
-    usable = Noise(lags, 1.0, 1.0).usable(valid)
-    rows = np.flatnonzero(usable)
+    rows = np.flatnonzero(with_history(valid))
     history = np.stack([residual[rows - lag] for lag in range(1, ORDER + 1)], axis=1)
     target = residual[rows]
     keep = np.ones(rows.size, dtype=bool)

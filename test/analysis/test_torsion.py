@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -41,6 +43,19 @@ def test_the_first_guess_of_the_spring_stands_beside_a_ripple_larger_than_the_to
     channel = build_equations(turning(ripple), known, None).channels[TRANSMISSION]
     assert 1.0 / channel.compliance == pytest.approx(STIFFNESS, rel=0.02)
     assert channel.damping_time == pytest.approx(DAMPING, rel=0.1)
+
+
+def test_bursts_of_motion_shorter_than_the_whitening_filter_are_not_fitted():
+    """0.2 s of motion at a time: 250 rows and more, but none with enough rows before it."""
+    whole = turning(0.0)
+    speed = np.where(whole.time % 0.5 < 0.2, 0.3, 0.0) * np.sign(np.sin(whole.time))
+    motor = np.cumsum(speed) * PERIOD
+    assert whole.gauge_torque is not None
+    bursts = replace(
+        whole, motor_shaft_position=RATIO * motor, joint_position=motor - whole.gauge_torque / STIFFNESS
+    )  # fmt: skip
+    equations = build_equations(bursts, Known(RATIO, 1.0, 0.1, 0.1, 0.0, 1e-3), None)
+    assert (set(equations.channels), equations.too_short) == ({TRANSMISSION}, (MOTOR,))
 
 
 def test_a_gauge_that_misreads_means_a_torsion_behind_the_damper():
