@@ -19,6 +19,8 @@ from hd_control.core.errors import ConfigError, HdError
 from hd_control.nodes.real_time import demote_middleware, leave_real_time, request_real_time
 
 if TYPE_CHECKING:
+    from rclpy.executors import SingleThreadedExecutor
+
     from hd_control.nodes.lifecycle_shell import Shell
 
 STOP_LIMIT = 8.0
@@ -96,10 +98,7 @@ def _serve(node: Shell) -> int:
     def serve() -> None:
         leave_real_time()
         while not node.loop.stopping:
-            try:
-                executor.spin_once(timeout_sec=1.0)
-            except Exception as error:  # F33: reported and stopped by the node, which lives on
-                node.report_fault(error)
+            spin_guarded(node, executor, 1.0)
 
     thread = threading.Thread(target=serve, name="executor", daemon=True)
     thread.start()
@@ -111,6 +110,14 @@ def _serve(node: Shell) -> int:
     code = 1 if node.fault else 0
     node.destroy_node()
     return code
+
+
+def spin_guarded(node: Shell, executor: SingleThreadedExecutor, timeout: float) -> None:
+    """The next callback, waited for `timeout` s. What it raises is F33: the node reports it, stops and lives on."""
+    try:
+        executor.spin_once(timeout_sec=timeout)
+    except Exception as error:
+        node.report_fault(error)
 
 
 def _give_up() -> None:
