@@ -20,6 +20,7 @@ from hd_control.analysis.workbench import compare_task, joint_task
 from hd_control.core.errors import HdError
 from hd_control.drive.effect import UNITS
 from hd_control.drive.model import Model
+from hd_control.drive.model_text import model_sha256
 
 GIVEN, REFIT = "as given", "refit"
 """First rungs: the model as it is, and with its own values fitted again."""
@@ -77,7 +78,7 @@ class JointLadder:
                 "error_train": rung.train.get(self.channel),
                 "error_held_out": rung.held_out.get(self.channel),
                 "noise_floor": rung.floor.get(self.channel),
-                "model_sha256": rung.model.sha256,
+                "model_sha256": model_sha256(rung.model),
                 "channels": {
                     name: {
                         "unit": UNITS[name],

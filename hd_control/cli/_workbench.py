@@ -113,7 +113,9 @@ def bag_entry(recording: Recording) -> dict[str, str]:
 
 def model_entry(path: str, model: Model) -> dict[str, str]:
     """`model` of the JSON documents."""
-    return {"path": path, "sha256": model.sha256}
+    from hd_control.drive.model_text import model_sha256
+
+    return {"path": path, "sha256": model_sha256(model)}
 
 
 def name_of(path: str) -> str:

@@ -48,6 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     from hd_control.cli.main import UsageError
     from hd_control.cli.options import refuse_overwrite, say, track, write_json
     from hd_control.drive.library import effect_named
+    from hd_control.drive.model_text import model_sha256
     from hd_control.drive.model_yaml import save_model
 
     if bool(arguments.effect) == arguments.refit:
@@ -69,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     words = ["add", *effect, "--model", name_of(arguments.model), "--bag", name_of(arguments.bag)]
     step = provenance([*words, *(word for joint in joints for word in ("--joint", joint))], [recording])
     written = save_model(model, arguments.output, step, arguments.force)
-    document["model"] = {"path": arguments.output, "sha256": written.sha256}
+    document["model"] = {"path": arguments.output, "sha256": model_sha256(written)}
     say(arguments, f"written: {arguments.output}")
     write_json(arguments, document)
     return exit_code(recording)

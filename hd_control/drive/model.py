@@ -95,15 +95,6 @@ class Model:
     provenance: Sequence[Mapping[str, Any]] = ()
     folder: Path | None = field(default=None, compare=False)
 
-    @property
-    def sha256(self) -> str:
-        """SHA-256 of the canonical text: of the file, if this program wrote it."""
-        import hashlib
-
-        from hd_control.drive.model_text import model_text
-
-        return hashlib.sha256(model_text(self).encode()).hexdigest()
-
     def joint(self, name: str) -> JointModel:
         """One joint. Raises ConfigError with the names that there are."""
         if name not in self.joints:

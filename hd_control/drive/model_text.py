@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import re
@@ -13,6 +14,11 @@ from hd_control.drive.model import JointModel, Model, ModelValue, is_urdf_text
 
 _PLAIN = re.compile(r"[A-Za-z_][\w./\-+^*() ]*(?<! )$")
 _RESERVED = {"true", "false", "null", "yes", "no", "on", "off", "y", "n"}
+
+
+def model_sha256(model: Model) -> str:
+    """SHA-256 of the canonical text: of the file, if this program wrote it."""
+    return hashlib.sha256(model_text(model).encode()).hexdigest()
 
 
 def model_text(model: Model) -> str:

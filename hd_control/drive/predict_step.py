@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, DriveStates, FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from hd_control.drive.predict import _Plant, _Term
+from hd_control.drive.predict_plant import Plant, Term
 
 NEWTON_ROUNDS = 2
 SOFTEST = 0.02
@@ -19,7 +15,7 @@ SOFTEST = 0.02
 class Stepper:
     """Runs (windows,) of one plant. `phi`, `v`, `q`, `w`: motor and joint position and velocity; `tau` joint torque."""
 
-    def __init__(self, plant: _Plant, starts: IntArray) -> None:
+    def __init__(self, plant: Plant, starts: IntArray) -> None:
         self.plant, self.starts = plant, starts
         s = plant.states
         self.phi, self.v, self.w = (x[starts].copy() for x in (s.motor_position, s.motor_velocity, s.joint_velocity))
@@ -138,7 +134,7 @@ class Stepper:
         return resist, jump, load
 
     def _both(
-        self, n: int, term: _Term, state: DriveStates, resist: FloatArray, jump: FloatArray
+        self, n: int, term: Term, state: DriveStates, resist: FloatArray, jump: FloatArray
     ) -> tuple[dict[str, FloatArray], FloatArray, FloatArray]:
         """A term whose motor column changes with the direction: both directions, one memory."""
         state.motor_direction[:] = -1.0

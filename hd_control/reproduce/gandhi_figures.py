@@ -8,8 +8,7 @@ import numpy as np
 
 from hd_control.analysis.figures import COLOURS, thinned
 from hd_control.core.blocks import FloatArray
-from hd_control.reproduce.gandhi import ABLATION, PERIODS
-from hd_control.reproduce.gandhi_runs import Experiment, run
+from hd_control.reproduce.gandhi_runs import ABLATION, PERIODS, Experiment, run
 
 Titled = tuple[str, Any]
 COMPOSITE, PLAIN = "composite law (26)", "plain law (31)"

@@ -20,6 +20,10 @@ PLANT = (
     *("rotor_inertia", "rotor_damping", "link_inertia", "link_damping", "gear_ratio", "stiffness_linear"),
     *("hysteresis_stiffness", "hysteresis_rate", "load_amplitude", "load_frequency"),
 )
+ABLATION = {"tau_0": "tau_0", "tau_1": "tau_1", "tau_2": "tau_2", "tau_4": "all"}
+"""Terms of the law that are kept, one after the other."""
+PERIODS = {"0p1ms": 1e-4, "0p2ms": 2e-4, "0p5ms": 5e-4, "1ms": 1e-3}
+"""s, of the control."""
 JOINT = "joint"
 UNLIMITED = 1e9  # N m: the paper's motor has no limit
 DRAWN = 1e-3  # s, between two rows of the series that are kept
