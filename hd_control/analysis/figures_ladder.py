@@ -10,8 +10,11 @@ import numpy as np
 
 from hd_control.analysis.figures import COLOURS
 from hd_control.analysis.figures_style import FLOOR, INK, WARN, Figure, FloatArray, axis, layout, line, note, shown_unit
+from hd_control.analysis.ladder import REFIT
 
 BAR = COLOURS[0]
+UNCHANGED = {REFIT: "refitted_nothing_added"}
+"""Rungs that add no effect, as they are shown."""
 
 
 @dataclass(frozen=True)
@@ -39,11 +42,11 @@ def _number(value: Any) -> float:
 def ladder_figure(rungs: Sequence[Rung], unit: str, stopped_because: str = "", height: int = 380) -> Figure:
     """Held-out error of each rung and its percentage of the first; training error as a thin mark; noise floor."""
     factor, shown = shown_unit(unit)
-    names = [_broken(rung.effect) for rung in rungs]
+    names = [_broken(UNCHANGED.get(rung.effect, rung.effect)) for rung in rungs]
     held_out = [factor * rung.error_held_out for rung in rungs]
     base = held_out[0] if held_out and held_out[0] > 0.0 else 1.0
-    text = [f"{value:.3g} ({100.0 * value / base:.0f} %)" for value in held_out]
-    colours = [FLOOR] + [BAR] * (len(rungs) - 1)
+    text = [f"{value:.3g} ({_share(value / base)})" for value in held_out]
+    colours = [FLOOR if k == 0 or rung.effect in UNCHANGED else BAR for k, rung in enumerate(rungs)]
     bars = {
         "type": "bar", "x": names, "y": held_out, "text": text, "textposition": "auto", "textangle": 0,
         "insidetextanchor": "middle", "insidetextfont": {"color": "white"}, "cliponaxis": False,
@@ -63,6 +66,11 @@ def ladder_figure(rungs: Sequence[Rung], unit: str, stopped_because: str = "", h
     result["xaxis"] = axis(f"stopped: {stopped_because}" if stopped_because else "", type="category")
     result["yaxis"] = axis(f"RMS error, {shown}", range=[0.0, 1.18 * max([*held_out, 1e-12])])
     return {"data": [bars, level, train], "layout": result}
+
+
+def _share(ratio: float) -> str:
+    """In per cent, with two digits where it is small."""
+    return f"{100.0 * ratio:.0f} %" if not ratio < 0.0995 else f"{100.0 * ratio:.2g} %"
 
 
 def _broken(name: str) -> str:

@@ -145,6 +145,17 @@ def test_the_ladder_reads_the_json_form_and_gives_percent() -> None:
     assert figure["data"][0]["text"] == ["0.3 (100 %)", "0.15 (50 %)"]
 
 
+def test_a_refit_adds_nothing_and_looks_so() -> None:
+    rungs = [
+        Rung(name, 7, 1.0, error, 0.1) for name, error in (("as given", 7.16), ("refit", 14.4), ("payload", 0.028))
+    ]
+    bars = ladder_figure(rungs, "N m")["data"][0]
+    assert bars["text"] == ["7.16 (100 %)", "14.4 (201 %)", "0.028 (0.39 %)"]
+    assert bars["x"][1] == "refitted<br>nothing<br>added"
+    first, second, third = bars["marker"]["color"]
+    assert first == second != third
+
+
 def test_answers_without_a_probability_are_bars_too() -> None:
     bars = confidence_bars(diagnosis())
     assert [(bar.name, bar.probability) for bar in bars] == [("motor_cogging", 0.93), ("unknown", None)]
