@@ -13,7 +13,7 @@ from hd_control.analysis.figures_style import FLOOR, INK, WARN, Figure, FloatArr
 from hd_control.analysis.ladder import REFIT
 
 BAR = COLOURS[0]
-UNCHANGED = {REFIT: "refitted_nothing_added"}
+UNCHANGED = {REFIT: "only_refitted"}
 """Rungs that add no effect, as they are shown."""
 
 
@@ -45,7 +45,7 @@ def ladder_figure(rungs: Sequence[Rung], unit: str, stopped_because: str = "", h
     names = [_broken(UNCHANGED.get(rung.effect, rung.effect)) for rung in rungs]
     held_out = [factor * rung.error_held_out for rung in rungs]
     base = held_out[0] if held_out and held_out[0] > 0.0 else 1.0
-    text = [f"{value:.3g} ({_share(value / base)})" for value in held_out]
+    text = [f"{value:.3g} ({percent_of(value / base)})" for value in held_out]
     colours = [FLOOR if k == 0 or rung.effect in UNCHANGED else BAR for k, rung in enumerate(rungs)]
     bars = {
         "type": "bar", "x": names, "y": held_out, "text": text, "textposition": "auto", "textangle": 0,
@@ -68,7 +68,7 @@ def ladder_figure(rungs: Sequence[Rung], unit: str, stopped_because: str = "", h
     return {"data": [bars, level, train], "layout": result}
 
 
-def _share(ratio: float) -> str:
+def percent_of(ratio: float) -> str:
     """In per cent, with two digits where it is small."""
     return f"{100.0 * ratio:.0f} %" if not ratio < 0.0995 else f"{100.0 * ratio:.2g} %"
 

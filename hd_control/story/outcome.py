@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from hd_control.analysis.figures_ladder import percent_of
 from hd_control.analysis.tracking import Tracking, tracking_of
 from hd_control.record.reader import BagReader
 from hd_control.story.live import Phase
@@ -131,7 +132,7 @@ def table(outcome: Outcome) -> list[str]:
     for joint in outcome.ladder.get("joints", {}):
         before, after, floor, unit = outcome.errors(joint)
         texts = [quantity(value, unit) for value in (before, after, floor)]
-        share = f"{100.0 * after / before:.0f} %" if before else "-"
+        share = percent_of(after / before) if before else "-"
         lines.append(f"model error of {joint}, held out: {texts[0]} -> {texts[1]} ({share}); noise {texts[2]}")
     return [*lines, *_tracking(outcome), *verdicts(outcome)]
 
@@ -184,7 +185,7 @@ def verdicts(outcome: Outcome) -> list[str]:
 
 def _verdict(outcome: Outcome, joint: str, before: float, after: float) -> str:
     used, left = outcome.fed_forward(joint)
-    share = f"{100.0 * after / before:.0f} % of before" if before else "not measurable before"
+    share = f"{percent_of(after / before)} of before" if before else "not measurable before"
     if not used:
         reasons: Sequence[str] = left or ["nothing was added to its model"]
         why = "; ".join(reasons)

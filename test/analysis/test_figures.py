@@ -151,7 +151,7 @@ def test_a_refit_adds_nothing_and_looks_so() -> None:
     ]
     bars = ladder_figure(rungs, "N m")["data"][0]
     assert bars["text"] == ["7.16 (100 %)", "14.4 (201 %)", "0.028 (0.39 %)"]
-    assert bars["x"][1] == "refitted<br>nothing<br>added"
+    assert bars["x"][1] == "only<br>refitted"
     first, second, third = bars["marker"]["color"]
     assert first == second != third
 
