@@ -129,8 +129,19 @@ def compare(task: Task, written: FloatArray | None, noises: Mapping[str, Noise] 
 
 
 def _with_nuisances(fit: Fit, written: FloatArray) -> FloatArray:
-    """The written coefficients (p,) with those of `NUISANCES` fitted beside them."""
-    dictionary, scores = fit.dictionary, fit.scores
+    """The written coefficients (p,) with those of `NUISANCES` fitted beside them.
+
+    Twice: where the model leaves more than noise on a channel, that much is taken for its noise, or a delay that two
+    channels share would follow the one that fails.
+    """
+    first = _nuisances(fit.dictionary, fit.scores, written)
+    factors = {name: max(1.0, left) for name, left in _misfits(fit.dictionary, first).items()}
+    quieter = {name: 1.0 / factor for name, factor in factors.items()}
+    louder = fit.dictionary.louder(factors)
+    return _nuisances(louder, fit.scores.moved(louder, columns=quieter, left=quieter), written)
+
+
+def _nuisances(dictionary: Dictionary, scores: Scores, written: FloatArray) -> FloatArray:
     free = np.array([i for i, (_, name) in enumerate(dictionary.base_names) if name in NUISANCES], dtype=np.int64)
     held = np.setdiff1d(dictionary.base, free)
     left = scores.gram_all[np.ix_(free, free)] + np.diag(scores.ridge[free])
@@ -139,6 +150,12 @@ def _with_nuisances(fit: Fit, written: FloatArray) -> FloatArray:
     found = np.array(written, dtype=float)
     found[free] = np.linalg.solve(left, right) / dictionary.norm[free]
     return found
+
+
+def _misfits(dictionary: Dictionary, coefficients: FloatArray) -> dict[str, float]:
+    """RMS of the whitened residual by channel: 1 where only noise is left."""
+    scaled = coefficients * dictionary.norm
+    return {name: _rms(part.left - part.columns @ scaled[part.index]) for name, part in dictionary.rows.items()}
 
 
 def _rms(x: FloatArray) -> float:

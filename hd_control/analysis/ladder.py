@@ -18,12 +18,18 @@ from hd_control.analysis.signals import JointSignals, Recording
 from hd_control.analysis.verdict import ADEQUATE, CANNOT_TELL, UNKNOWN, JointDiagnosis
 from hd_control.analysis.workbench import compare_task, joint_task
 from hd_control.core.errors import HdError
-from hd_control.drive.effect import UNITS
+from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, UNITS
 from hd_control.drive.model import Model
 from hd_control.drive.model_text import model_sha256
 
 GIVEN, REFIT = "as given", "refit"
 """First rungs: the model as it is, and with its own values fitted again."""
+OWN = {
+    MOTOR: ("rotor_inertia", "coulomb_friction", "viscous_friction"),
+    TRANSMISSION: ("torsional_stiffness",),
+    LINK: ("link_dynamics",),
+}
+"""Effects of every model by the channel that fits them."""
 LIMIT = 6
 FLOOR_REACHED = 1.05
 ROSE = 1.01
@@ -141,7 +147,7 @@ def _with_possible_floors(rungs: tuple[LadderRung, ...]) -> tuple[LadderRung, ..
 
 def _climb(split: Split, model: Model, joint: str, limit: int) -> JointLadder:
     train, held = judges = _Judge(split.train, joint), _Judge(split.held_out, joint)
-    fitted = fit_joint(train.task(model), model.joint(joint))
+    fitted = _refit(train, model, joint)
     refitted = _with(model, joint, fitted)
     dictionary = prepare(train.task(refitted))
     train.noises, held.noises = dictionary.noises, noises_of(held.task(refitted))
@@ -168,6 +174,24 @@ def _climb(split: Split, model: Model, joint: str, limit: int) -> JointLadder:
             channel = effect.channel
         rungs.append(rung)
     return JointLadder(joint, tuple(rungs), f"limit of {limit} effects reached", diagnosis, channel)
+
+
+def _refit(train: _Judge, model: Model, joint: str) -> FittedJoint:
+    """The model's own values fitted again, on the channels whose error that lowers.
+
+    Beside a large missing effect the values that fit best may be absurd, such as an inertia several times too large:
+    the acceleration is explained, the torque is not. Then the values of that channel stay as they were.
+    """
+    task, given = train.task(model), model.joint(joint)
+    dictionary = prepare(task)
+    fitted, train.noises = fit_joint(task, given, dictionary=dictionary), dictionary.noises
+    before, after = (train.compare(each).channels for each in (model, _with(model, joint, fitted)))
+    worse = {name for name, channel in after.items() if channel.rms_error > before[name].rms_error}
+    stay = {effect for name in worse for effect in OWN[name] if effect in given.effects}
+    stay |= {group.name for group in dictionary.known if worse & set(group.channels)}
+    kept = {name: given.effects[name] if name in stay else values for name, values in fitted.model.effects.items()}
+    rows = tuple(row for row in fitted.parameters if row.effect not in stay)
+    return replace(fitted, model=replace(fitted.model, effects=kept), parameters=rows)
 
 
 def _nothing_to_add(diagnosis: JointDiagnosis) -> str:

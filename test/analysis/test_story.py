@@ -10,7 +10,7 @@ from dataclasses import replace
 import pytest
 
 from hd_control.analysis.adding import fit_joint
-from hd_control.analysis.ladder import REFIT, JointLadder, Split, climb
+from hd_control.analysis.ladder import REFIT, JointLadder, Split, _Judge, _refit, climb
 from hd_control.analysis.signals import Recording
 from hd_control.analysis.verdict import ADEQUATE, CANNOT_TELL, MISSING, UNKNOWN
 from hd_control.analysis.workbench import compare_joint, diagnose_joint, joint_task
@@ -59,6 +59,21 @@ def test_the_missing_effect_is_named_added_and_the_error_falls(effect: str) -> N
     assert [rung.parameters_count for rung in ladder.rungs] == sorted(rung.parameters_count for rung in ladder.rungs)
     assert refit.ratio(channel) > 1.2
     assert ladder.rungs[-1].ratio(channel) <= WITHIN, errors(ladder)
+
+
+def test_a_refit_never_raises_the_error_of_what_it_was_fitted_to() -> None:
+    """Beside a large offset of the friction the best fit of the acceleration has an inertia that explains no torque."""
+    split, model, joint = opened(hidden("asymmetric_friction", 8.0))
+    judge = _Judge(split.train, joint)
+    plain = replace(model, joints={joint: fit_joint(judge.task(model), model.joint(joint)).model})
+    kept = replace(model, joints={joint: _refit(judge, model, joint).model})
+    given, wild, tame = (
+        {name: channel.rms_error for name, channel in judge.compare(each).channels.items()}
+        for each in (model, plain, kept)
+    )
+    assert wild["motor_torque"] > 1.2 * given["motor_torque"], "else this test says nothing"
+    assert all(tame[name] <= (1.0 + 1e-6) * given[name] for name in given)
+    assert tame["transmission"] < given["transmission"], "the other channels keep their fit"
 
 
 def errors(ladder: JointLadder) -> str:
