@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import ConfigError
 from hd_sim.cases import STEPS
 from hd_sim.effects import VOCABULARY
@@ -21,7 +21,6 @@ from hd_sim.scenario import Scenario, make_plan
 from hd_sim.true_parameters import true_parameters
 from hd_sim.truth import HiddenEffect, apply_hidden, nominal, truth_of
 
-FloatArray = NDArray[np.float64]
 ARMS = ("arm_a", "arm_b")
 FIT_S, HELD_OUT_S = 60.0, 24.0
 _COLUMNS = {

@@ -15,15 +15,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import ConfigError, HdError
 from hd_control.core.workers import serve_only
 from hd_sim.campaign_table import FAILED
 from hd_sim.challenge_score import REFUSED, score_joint
 from hd_sim.pairs import FIT_S, HELD_OUT_S, Pair, make_pair, set_up
 
-FloatArray = NDArray[np.float64]
 SCHEMA = "hd.campaign/1"
 RANGES = {"development": (0, 99_999), "calibration": (100_000, 199_999), "test": (900_000, 999_999)}
 """Seeds by purpose; see docs/challenge.md."""

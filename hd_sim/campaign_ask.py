@@ -6,14 +6,14 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from hd_control.core.arrays import FloatArray
 
 if TYPE_CHECKING:
     from hd_control.analysis.signals import Recording
     from hd_control.drive.model import JointModel, Model
     from hd_sim.campaign import Question
 
-FloatArray = NDArray[np.float64]
 COLUMNS = (
     "motor_shaft_position",
     "joint_position",

@@ -6,13 +6,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hd_control.core.arrays import FloatArray
 from hd_control.record.cdr import TemperatureCodec, encode_text
 from hd_control.record.schema import joint_state_codec
 from hd_control.record.writer import BagWriter
 
-FloatArray = NDArray[np.float64]
 RUN_ID = "simulation_00000"
 START_TIME = "2000-01-01T00:00:00Z"
 """Simulated time has no date; a fixed one makes equal runs equal bags."""

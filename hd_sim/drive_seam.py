@@ -17,17 +17,16 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hd_control.control.guard import Guard
 from hd_control.control.guard_limits import SafetyLimits
+from hd_control.core.arrays import FloatArray
 from hd_control.core.blocks import Block
 from hd_control.core.faults import Action, Fault, FaultCode
 
 if TYPE_CHECKING:
     from hd_sim.plant import Plant
 
-FloatArray = NDArray[np.float64]
 NEVER = -1
 ARMING_SAMPLES = 100
 """Healthy commands in a row before the drives obey: processes that have just started are slow at first."""

@@ -13,14 +13,13 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import ConfigError
 from hd_control.core.resources import config_path
 from hd_control.core.strict_yaml import load_yaml
 from hd_sim.settings import FRICTION_LAWS
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from hd_control.control.trajectory import quintic_move
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import ConfigError
 from hd_control.stages import topics
 from hd_control.stages.stage import Bus, Stage

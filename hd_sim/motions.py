@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from hd_control.core.arrays import FloatArray
+
 QUINTIC_PEAK = 1.875
 """Peak velocity of the rest-to-rest quintic is 1.875 D / T."""
 

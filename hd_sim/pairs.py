@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hd_control.core.arrays import FloatArray
 from hd_sim.cases import Case, draw_case
 from hd_sim.plant_config import PlantConfig
 from hd_sim.random_drive import (
@@ -33,7 +33,6 @@ from hd_sim.servo import run_servo
 from hd_sim.true_parameters import true_parameters
 from hd_sim.truth import apply_hidden, truth_of
 
-FloatArray = NDArray[np.float64]
 FIT_S, HELD_OUT_S = 60.0, 24.0
 TEMPERATURE_PERIOD = 0.1
 JUDGE_SUBSTEPS = 20

@@ -16,8 +16,9 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hd_control.core.arrays import FloatArray
 from hd_control.core.blocks import Block, layout_of
 from hd_control.core.errors import RobotError
 from hd_control.core.robot import Robot
@@ -26,8 +27,6 @@ from hd_sim.plant_config import PlantConfig
 from hd_sim.sensors import noise_key
 
 __all__ = ["Plant", "PlantConfig", "PlantRecord"]
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

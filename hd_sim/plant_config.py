@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hd_control.core.arrays import FloatArray
 from hd_control.core.blocks import Block, layout_of
 from hd_control.core.errors import ConfigError
 from hd_control.core.resources import find_config
@@ -25,7 +26,6 @@ from hd_sim import _plant
 from hd_sim.sensors import misalignment_ripple
 from hd_sim.settings import FRICTION_LAWS, REQUIRED, SETTINGS
 
-FloatArray = NDArray[np.float64]
 SCHEMES = ("reversals_resolved", "first_order")
 TOP = ("robot", "period", "substeps_per_ms", "extra_delay_samples", "start_position", "drives", "joints")
 

@@ -12,8 +12,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hd_control.core.arrays import FloatArray
 from hd_control.core.resources import config_path
 from hd_control.core.robot import Robot
 from hd_control.core.strict_yaml import load_yaml
@@ -21,7 +21,6 @@ from hd_sim.plant_config import PlantConfig
 from hd_sim.sensors import noise_key
 from hd_sim.settings import SETTINGS
 
-FloatArray = NDArray[np.float64]
 GRAVITY = 9.81
 JOINT = "joint_1"
 SMOOTH_SIGN = 0.01

@@ -10,9 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from hd_control.core.arrays import FloatArray
+
 Generator = np.random.Generator
 RAMP_S = 1.0
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from hd_control.control.trajectory import Goal
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray
 from hd_control.core.robot import Robot
 from hd_control.record.cdr import TemperatureCodec, encode_message, encode_text, message_class
 from hd_control.record.schema import TRAJECTORY, joint_state_codec

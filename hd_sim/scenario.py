@@ -10,13 +10,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hd_control.control.trajectory import Goal
+from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import ConfigError
 from hd_sim import motions
 
-FloatArray = NDArray[np.float64]
 ACCEPT_TICK_S = 0.1
 """Goals are handed over at this time, s; they start later, at their own start tick."""
 

@@ -10,14 +10,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hd_control.core.arrays import FloatArray
 from hd_sim.plant import Plant
 from hd_sim.plant_config import PlantConfig
 from hd_sim.random_drive import DriveNumbers, RandomDrive, ranges, stream
 from hd_sim.random_motion import Reference
 
-FloatArray = NDArray[np.float64]
 NOISE_SHARE = 0.06
 """Of the rated torque: what one encoder count may change the command by."""
 CROSSOVER_SHARE = 0.4

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hd_control.core.arrays import FloatArray
 from hd_sim.plant_config import PlantConfig
 
-FloatArray = NDArray[np.float64]
 ORDERS = np.arange(1.0, 5.0)
 STATE = ("motor_position", "motor_velocity", "joint_position", "joint_velocity", "torsion", "hysteresis_torque",
          "motor_acceleration", "joint_acceleration", "current_torque")  # fmt: skip

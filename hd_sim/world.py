@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from hd_control.control.guard_limits import SafetyLimits
-from hd_control.core.blocks import Block, FloatArray
+from hd_control.core.arrays import FloatArray
+from hd_control.core.blocks import Block
 from hd_control.stages.black_box import UNKNOWN_STOP, BlackBox
 from hd_control.stages.fault_book import FaultBook
 from hd_sim.drive_seam import DriveSeam

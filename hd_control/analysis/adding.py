@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.dictionary import Dictionary
 from hd_control.analysis.groups import Group
 from hd_control.analysis.hunt import SECOND_STAGE, Chase, Task, prepare
@@ -15,6 +14,7 @@ from hd_control.analysis.intervals import Bootstrap, Interval, interval_of, wide
 from hd_control.analysis.joint_task import DELAY
 from hd_control.analysis.reversal_rows import presliding
 from hd_control.analysis.search import Selection
+from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import HdError
 from hd_control.drive.effect import EffectParameter
 from hd_control.drive.library import effect_named

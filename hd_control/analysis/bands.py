@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from hd_control.core.arrays import FloatArray
+
 PADDING_S = 2.4
 STEPS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 24, 30)
 COLUMNS_AT_ONCE = 16

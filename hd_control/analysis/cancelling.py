@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.fit import Fit
 from hd_control.analysis.groups import Group
 from hd_control.analysis.search import Search, Selection
+from hd_control.core.arrays import FloatArray
 
 LEFT = 0.1
 """What is left of two contributions, RMS over the smaller of both, below which they cancel."""

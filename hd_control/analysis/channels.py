@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hd_control.analysis.bands import Band, FloatArray, Spectral
-from hd_control.analysis.joint_states import BoolArray, Derived
+from hd_control.analysis.bands import Band, Spectral
+from hd_control.analysis.joint_states import Derived
+from hd_control.core.arrays import BoolArray, FloatArray
 from hd_control.drive.effect import LINK, MOTOR, DriveStates
 
 LinkTerms = tuple[FloatArray, FloatArray, FloatArray | None, FloatArray | None]

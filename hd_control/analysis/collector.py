@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hd_control.analysis.decimate import LONGEST_ROWS, decimate, factor_of
-from hd_control.analysis.signals import SIGNALS, BoolArray, FloatArray, JointSignals
+from hd_control.analysis.signals import SIGNALS, JointSignals
 from hd_control.analysis.sources import SignalSource, SourceMap, held_from_measured
-from hd_control.analysis.time_base import NS, SLOWEST, Alignment, IntArray, TimeBase, longest_stretch, rising, time_base
+from hd_control.analysis.time_base import NS, SLOWEST, Alignment, TimeBase, longest_stretch, rising, time_base
 from hd_control.analysis.topic_columns import TopicColumns, open_topic
+from hd_control.core.arrays import BoolArray, FloatArray, IntArray
 from hd_control.record.columns import has_fixed_layout
 from hd_control.record.reader import BagReader
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from hd_control.analysis.signals import FloatArray, JointSignals
+from hd_control.analysis.signals import JointSignals
+from hd_control.core.arrays import FloatArray
 
 POSITIONS = ("motor_shaft_position", "joint_position")
 JOINT_TURNS = 4.0 * np.pi

@@ -8,16 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.dictionary import Dictionary, build
 from hd_control.analysis.fit import Fit, RawRows
 from hd_control.analysis.hunt import Task, known_candidates, prepare
-from hd_control.analysis.joint_states import BoolArray
 from hd_control.analysis.noise import Noise
 from hd_control.analysis.orders import OrderRecord
 from hd_control.analysis.scores import Scores
 from hd_control.analysis.torsion import FAST
 from hd_control.analysis.wide_band import order_record
+from hd_control.core.arrays import BoolArray, FloatArray
 from hd_control.drive.effect import UNITS
 
 NUISANCES = ("transmission_zero", FAST, "joint_delay", "torque_delay", "command_delay")

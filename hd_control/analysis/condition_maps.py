@@ -12,14 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hd_control.analysis.channels import JointEquations
+from hd_control.core.arrays import BoolArray, FloatArray, IntArray
 from hd_control.drive.effect import LINK
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 DIRECTIONS = (-1, 0, 1)
 """Rows of every map: backward, at rest, forward."""

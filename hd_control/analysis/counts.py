@@ -6,8 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hd_control.analysis.bands import Band, FloatArray
-from hd_control.analysis.joint_states import BoolArray, Derived
+from hd_control.analysis.bands import Band
+from hd_control.analysis.joint_states import Derived
+from hd_control.core.arrays import BoolArray, FloatArray
 
 FEW_COUNTS, FEW_COUNTS_S = 10, 0.1
 """Counts within so many s below which the error of the counts is no noise."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hd_control.analysis.bands import FloatArray
+from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, Columns, DriveStates
 
 ORDERS = (1, 2, 3, 4, 6)

@@ -12,9 +12,9 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from hd_control.core.arrays import FloatArray
+
 LONGEST_ROWS = 1_200_000
 """20 min at 1 kHz; longer recordings are decimated."""
 HALF_WIDTH = 12

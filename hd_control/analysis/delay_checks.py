@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.slow_rows import SlowRows, regress
+from hd_control.core.arrays import FloatArray
 
 LONGEST_S, STEP_S = 0.1, 2e-3
 """Range and step of the search."""

@@ -12,13 +12,12 @@ from itertools import chain
 
 import numpy as np
 
-from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.channels import Base, Channel, JointEquations
 from hd_control.analysis.folds import Blocks
-from hd_control.analysis.groups import Candidate, Group, IntArray, group_of
-from hd_control.analysis.joint_states import BoolArray
+from hd_control.analysis.groups import Candidate, Group, group_of
 from hd_control.analysis.noise import Noise
 from hd_control.analysis.rich_noise import rich_noise
+from hd_control.core.arrays import BoolArray, FloatArray, IntArray
 
 RIDGE_LIBRARY = 1e-9
 RIDGE_CURVE = {"plain": 3e-5}

@@ -17,16 +17,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hd_control.analysis.bands import Band, FloatArray, Spectral, band_for
+from hd_control.analysis.bands import Band, Spectral, band_for
 from hd_control.analysis.channels import Base, Channel, JointEquations, Known, LinkFunction, LinkTerms
 from hd_control.analysis.counts import noisy_rows
-from hd_control.analysis.joint_states import (
-    BoolArray,
-    Derived,
-    derive,
-    drive_states,
-    noise_density,
-)
+from hd_control.analysis.joint_states import Derived, derive, drive_states, noise_density
 from hd_control.analysis.noise import with_history
 from hd_control.analysis.signals import JointSignals
 from hd_control.analysis.torsion import (
@@ -39,6 +33,7 @@ from hd_control.analysis.torsion import (
     torsion_base,
     with_spring,
 )
+from hd_control.core.arrays import BoolArray, FloatArray
 from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, DriveStates
 
 LINK_BAND = (30.0, 40.0)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hd_control.analysis.tracking import Tracking
+from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import HdError
 
-FloatArray = NDArray[np.float64]
 POINTS = 2000
 """Points of a drawn series; a screen is narrower."""
 COLOURS = ("#1b6ca8", "#d1495b", "#2e8b57", "#e08e0b", "#6a4c93", "#17becf", "#8b5a2b", "#555555")

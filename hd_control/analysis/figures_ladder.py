@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from hd_control.analysis.figures import COLOURS
-from hd_control.analysis.figures_style import FLOOR, INK, WARN, Figure, FloatArray, axis, layout, line, note, shown_unit
+from hd_control.analysis.figures_style import FLOOR, INK, WARN, Figure, axis, layout, line, note, shown_unit
 from hd_control.analysis.ladder import REFIT
+from hd_control.core.arrays import FloatArray
 
 BAR = COLOURS[0]
 UNCHANGED = {REFIT: "only_refitted"}

@@ -13,7 +13,6 @@ from hd_control.analysis.figures_style import (
     FORWARD_COLOUR,
     REST_COLOUR,
     Figure,
-    FloatArray,
     axis,
     layout,
     line,
@@ -21,6 +20,7 @@ from hd_control.analysis.figures_style import (
     shown_unit,
 )
 from hd_control.analysis.map_sentence import NAMES
+from hd_control.core.arrays import FloatArray
 
 WORDS = {-1: "backward", 0: "at rest", 1: "forward"}
 DIRECTION_COLOURS = {-1: BACKWARD_COLOUR, 0: REST_COLOUR, 1: FORWARD_COLOUR}

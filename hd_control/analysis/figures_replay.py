@@ -7,17 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from hd_control.analysis.figures import COLOURS
-from hd_control.analysis.figures_style import (
-    FORWARD_COLOUR,
-    MEASURED,
-    Figure,
-    FloatArray,
-    axis,
-    kept,
-    layout,
-    line,
-    with_gaps,
-)
+from hd_control.analysis.figures_style import FORWARD_COLOUR, MEASURED, Figure, axis, kept, layout, line, with_gaps
+from hd_control.core.arrays import FloatArray
 
 UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m"}
 

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hd_control.analysis.figures import COLOURS, thinned
+from hd_control.core.arrays import BoolArray, FloatArray
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 Figure = dict[str, Any]
 """`{"data": [...], "layout": {...}}`"""
 

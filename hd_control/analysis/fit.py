@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.dictionary import Dictionary, base_of
-from hd_control.analysis.groups import Group, IntArray
+from hd_control.analysis.groups import Group
 from hd_control.analysis.scores import Scores
+from hd_control.core.arrays import FloatArray, IntArray
 from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, Context
 
 SCALE = {MOTOR: "drive_torque", LINK: "drive_torque"}

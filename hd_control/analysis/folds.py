@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hd_control.analysis.bands import FloatArray
-from hd_control.analysis.groups import IntArray
+from hd_control.core.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.channels import JointEquations
 from hd_control.analysis.equations import ACCELERATION_SNR
 from hd_control.analysis.joint_states import reversals
+from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import LINK, MOTOR, TORSION_FAMILY, TRANSMISSION, Effect
 
 SPEED_DECADES = 1.3

@@ -6,12 +6,10 @@ from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hd_control.analysis.curves import Curve
+from hd_control.core.arrays import IntArray
 from hd_control.drive.effect import Columns, DriveStates, Effect, Shape
-
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -19,12 +19,12 @@ from hd_control.analysis.curves import curves
 from hd_control.analysis.dictionary import Dictionary, base_of, build
 from hd_control.analysis.fit import Fit
 from hd_control.analysis.groups import Candidate, Group, curve_candidates, library_candidates
-from hd_control.analysis.joint_states import BoolArray
 from hd_control.analysis.merge import merged
 from hd_control.analysis.refine import refine
 from hd_control.analysis.scores import Scores
 from hd_control.analysis.search import Search, Selection, Thresholds
 from hd_control.analysis.torsion import LONGEST_DAMPING, with_damping, with_lost_torsion
+from hd_control.core.arrays import BoolArray
 from hd_control.drive.effect import LINK, MOTOR, TORSION_FAMILY, TRANSMISSION, Context, Effect, Shape
 
 ROUNDS = 2

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from hd_control.analysis.sources import QUANTITIES, SignalSource, SourceMap, TimeSource, held_from_measured
-from hd_control.analysis.time_base import FEWEST, NS, FloatArray, IntArray, rising
+from hd_control.analysis.time_base import FEWEST, NS, rising
+from hd_control.core.arrays import FloatArray, IntArray
 from hd_control.core.errors import BagError
 from hd_control.record.cdr import JOINT_STATE, JointStateCodec, TemperatureCodec
 from hd_control.record.tables import read_table

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.fit import Fit
 from hd_control.analysis.groups import Group
+from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import Context
 
 BLOCK_S = 1.32

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hd_control.analysis.bands import EDGE_S, Band, FloatArray, Spectral, band_for
+from hd_control.analysis.bands import EDGE_S, Band, Spectral, band_for
 from hd_control.analysis.signals import JointSignals
+from hd_control.core.arrays import BoolArray, FloatArray
 from hd_control.drive.effect import DriveStates
 
-BoolArray = NDArray[np.bool_]
 MOTOR_TAPER = (40.0, 65.0)
 JOINT_TAPER = (10.0, 25.0)
 PRESLIDING_SPEED = 6e-3

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.channels import JointEquations, Known, LinkFunction
 from hd_control.analysis.dictionary import Dictionary
 from hd_control.analysis.equations import build_equations
 from hd_control.analysis.hunt import Task
 from hd_control.analysis.signals import JointSignals
+from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, Context, Effect, Shape
 from hd_control.drive.library import library
 from hd_control.drive.model import JointModel

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.counts import count_tone, quantum
 from hd_control.analysis.fit import Fit
-from hd_control.analysis.joint_states import BoolArray
+from hd_control.core.arrays import BoolArray, FloatArray
 from hd_control.drive.effect import MOTOR
 
 BURST_BLOCK_S = 0.33

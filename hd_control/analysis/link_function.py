@@ -10,10 +10,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hd_control.analysis.bands import Band, FloatArray, Spectral, band_for
+from hd_control.analysis.bands import Band, Spectral, band_for
 from hd_control.analysis.channels import LinkFunction, LinkTerms
 from hd_control.analysis.joint_states import JOINT_TAPER, fill_gaps
 from hd_control.analysis.signals import JointSignals
+from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import ConfigError
 from hd_control.core.robot import Robot
 from hd_control.drive.effects.payload import NAMES

@@ -10,8 +10,8 @@ from itertools import combinations
 
 import numpy as np
 
-from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.search import Search, Selection
+from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import LINK, MOTOR
 
 MARGIN = 3.0

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hd_control.analysis.bands import FloatArray
-from hd_control.analysis.joint_states import BoolArray
+from hd_control.core.arrays import BoolArray, FloatArray
 
 ORDER = 16
 WHITEN_ROWS = 64

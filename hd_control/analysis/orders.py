@@ -11,12 +11,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hd_control.analysis.channels import JointEquations
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from hd_control.core.arrays import BoolArray, FloatArray
 
 FORWARD, BACKWARD = 1, -1
 CELLS_PER_CYCLE = 8

@@ -10,11 +10,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.dictionary import Dictionary
 from hd_control.analysis.fit import index_of
 from hd_control.analysis.groups import Candidate, Group
 from hd_control.analysis.scores import Scores
+from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import Columns, Shape
 
 MAX_EVALUATIONS = 40

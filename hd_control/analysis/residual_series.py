@@ -12,10 +12,10 @@ from hd_control.analysis.joint_task import written_coefficients
 from hd_control.analysis.link_function import LinkSide
 from hd_control.analysis.signals import Recording
 from hd_control.analysis.workbench import joint_task
+from hd_control.core.arrays import FloatArray
 from hd_control.drive.model import Model
 from hd_control.record.series import topic_name
 
-FloatArray = NDArray[np.float64]
 NS = 1_000_000_000
 Comparisons = Mapping[str, Mapping[str, tuple[FloatArray, FloatArray, FloatArray]]]
 """Joint -> channel -> (time s, residual, measured), each (rows,) in the unit of the channel, NaN where unusable."""

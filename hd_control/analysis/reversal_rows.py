@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.fit import Fit, RawRows
 from hd_control.analysis.intervals import Interval, widened
+from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import MOTOR
 from hd_control.drive.effects.presliding import Presliding
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.channels import Channel
 from hd_control.analysis.folds import Blocks
-from hd_control.analysis.groups import IntArray
-from hd_control.analysis.joint_states import BoolArray
 from hd_control.analysis.noise import Noise, fit_noise
+from hd_control.core.arrays import BoolArray, FloatArray, IntArray
 
 RIDGE_NOISE = 1e-7
 LONELY = 2.0

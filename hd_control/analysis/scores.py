@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.dictionary import Dictionary, Rows
 from hd_control.analysis.folds import Blocks
-from hd_control.analysis.groups import Group, IntArray
+from hd_control.analysis.groups import Group
+from hd_control.core.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hd_control.analysis.bands import FloatArray
 from hd_control.analysis.dictionary import Dictionary
-from hd_control.analysis.groups import Group, IntArray
+from hd_control.analysis.groups import Group
 from hd_control.analysis.scores import Scores
+from hd_control.core.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

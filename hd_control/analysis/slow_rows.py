@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hd_control.analysis.bands import EDGE_S, Band, FloatArray, Spectral, band_for
+from hd_control.analysis.bands import EDGE_S, Band, Spectral, band_for
 from hd_control.analysis.joint_states import fill_gaps
-from hd_control.analysis.signals import BoolArray, JointSignals
+from hd_control.analysis.signals import JointSignals
+from hd_control.core.arrays import BoolArray, FloatArray
 
 BAND = (8.0, 12.0)
 """Hz, flat and zero: rigid motion, gravity and friction; above it the noise of second derivatives begins."""

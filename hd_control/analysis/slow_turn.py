@@ -6,10 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hd_control.analysis.bands import FloatArray, Spectral, band_for
+from hd_control.analysis.bands import Spectral, band_for
 from hd_control.analysis.joint_states import JOINT_TAPER, fill_gaps
 from hd_control.analysis.link_function import LinkSide
 from hd_control.analysis.signals import JointSignals
+from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import BagError
 from hd_control.drive.effects.payload import NAMES
 from hd_control.drive.model import Model

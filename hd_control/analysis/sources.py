@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from hd_control.core.arrays import FloatArray
+
 DEGREE = np.pi / 180.0
 UNITS: dict[str, dict[str, tuple[float, float]]] = {
     "angle": {"rad": (1.0, 0.0), "mrad": (1e-3, 0.0), "deg": (DEGREE, 0.0), "turn": (2.0 * np.pi, 0.0)},

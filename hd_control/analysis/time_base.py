@@ -6,12 +6,10 @@ from bisect import bisect_left
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hd_control.core.arrays import FloatArray, IntArray
 from hd_control.core.errors import BagError
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 LONGEST_BRIDGE = 3
 """Missing samples that are filled; a longer gap stays NaN."""
 EVEN = 1e-3

@@ -6,15 +6,12 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hd_control.analysis.decimate import LONGEST_ROWS
+from hd_control.core.arrays import BoolArray, FloatArray, IntArray
 from hd_control.record.columns import Columns
 from hd_control.record.reader import BagReader
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 MOST_VALUES = 8_000_000
 """Numbers of a long topic in memory at once."""
 

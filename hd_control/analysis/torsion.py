@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hd_control.analysis.bands import Band, FloatArray, Spectral, band_for
+from hd_control.analysis.bands import Band, Spectral, band_for
 from hd_control.analysis.channels import Base, Channel, JointEquations
-from hd_control.analysis.joint_states import BoolArray, noise_density
+from hd_control.analysis.joint_states import noise_density
+from hd_control.core.arrays import BoolArray, FloatArray
 from hd_control.drive.effect import TRANSMISSION, DriveStates
 from hd_control.drive.shapes import harmonics
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import BagError
 from hd_control.record.reader import BagReader
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

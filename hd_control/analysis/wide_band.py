@@ -8,12 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from hd_control.analysis.bands import FloatArray, band_for
+from hd_control.analysis.bands import band_for
 from hd_control.analysis.channels import Channel, JointEquations
 from hd_control.analysis.counts import noisy_rows
 from hd_control.analysis.fit import Fit, RawRows
 from hd_control.analysis.orders import OrderRecord, channel_record
 from hd_control.analysis.torsion import ANGLES, BANDS, torsion_base
+from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import TRANSMISSION
 
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from hd_control.core.arrays import BoolArray, FloatArray
+
 LARGEST_S = 5.0
 REVERSAL_S = 1.2
 PLATEAU_S = (1.0, 5.0)

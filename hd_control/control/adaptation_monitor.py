@@ -6,15 +6,14 @@ from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hd_control import _monitors
 from hd_control.control import torque
 from hd_control.control.guard_limits import SafetyLimits
-from hd_control.core.blocks import Block, FloatArray, Layout, layout_of
+from hd_control.core.arrays import FloatArray, IntArray
+from hd_control.core.blocks import Block, Layout, layout_of
 from hd_control.core.faults import Action, Fault, FaultCode
 
-IntArray = NDArray[np.int64]
 ESTIMATES: Mapping[str, str] = {
     "coulomb_torque": "coulomb_torque",
     "friction_offset": "friction_offset",

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from hd_control.control.compensation import DriveValues, motor_feedforward
 from hd_control.control.motion_vdc import rigid_torque
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray
 from hd_control.core.robot import Robot
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray
 
 
 def kinematic_error(angle: Any, cosine: ArrayLike, sine: ArrayLike) -> tuple[Any, Any, Any]:

@@ -13,7 +13,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from hd_control.core.blocks import Block, FloatArray, Layout, layout_of
+from hd_control.core.arrays import FloatArray
+from hd_control.core.blocks import Block, Layout, layout_of
 
 MEAN_SAMPLES = 50.0
 SPEED_MARGIN = 0.3

@@ -25,7 +25,7 @@ from hd_control.control.motion import in_robot_order
 from hd_control.control.motion_vdc import rigid_torque
 from hd_control.control.path import Goal, Path
 from hd_control.control.trajectory import TrajectoryFollower
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray
 from hd_control.core.robot import Robot
 
 MAX_LEAD = 60.0

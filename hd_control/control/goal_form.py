@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hd_control.control.path import GOAL_BAD, Goal
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import GoalError
 
 MAX_POINTS, MAX_DURATION, MAX_BYTES = 10_000, 3600.0, 4_000_000

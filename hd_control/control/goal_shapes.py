@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hd_control.control.path import Goal
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray
 
 QUINTIC_PEAK = 1.875
 """Peak velocity of the rest-to-rest quintic over distance D in time T is 1.875 D / T."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray
 
 SUCCESSFUL, INVALID_GOAL, INVALID_JOINTS, OLD_STAMP, PATH_VIOLATED, GOAL_VIOLATED = 0, -1, -2, -3, -4, -5
 CODES = {"joint_unknown": INVALID_JOINTS, "joint_repeated": INVALID_JOINTS, "joint_missing": INVALID_JOINTS}

@@ -19,7 +19,8 @@ from hd_control import _monitors
 from hd_control.control import controlled_stop as stop
 from hd_control.control import safety_gate as gate
 from hd_control.control.guard_limits import SafetyLimits
-from hd_control.core.blocks import Block, FloatArray, layout_of
+from hd_control.core.arrays import FloatArray
+from hd_control.core.blocks import Block, layout_of
 from hd_control.core.faults import Action, Fault, FaultCode, strongest
 
 _MEASURED = (

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hd_control import _motion
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import ConfigError
 from hd_control.core.robot import Robot
 

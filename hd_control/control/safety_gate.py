@@ -23,7 +23,8 @@ from numpy.typing import ArrayLike
 
 from hd_control import _torque
 from hd_control.control.gate_limits import limits_layout
-from hd_control.core.blocks import Block, FloatArray, Layout, layout_of
+from hd_control.core.arrays import FloatArray
+from hd_control.core.blocks import Block, Layout, layout_of
 from hd_control.core.faults import Action, Fault, FaultCode
 
 LARGEST_TICK = 2.0**53

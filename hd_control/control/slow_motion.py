@@ -10,7 +10,7 @@ A goal keeps the velocity limits, so a degraded reference keeps a quarter of the
 
 from __future__ import annotations
 
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray
 
 SLOW_RATE = 0.25
 """Share of the velocity limits that a degraded robot may use."""

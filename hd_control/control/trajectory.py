@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from hd_control.control.goal_shapes import enveloped_sine, moves, quintic_move, sine_goal
 from hd_control.control.path import Goal, Motion, Path, braking_path, hold_path, plan_path
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray
 
 __all__ = ["Goal", "Motion", "Path", "TrajectoryFollower", "enveloped_sine", "moves", "quintic_move", "sine_goal"]
 

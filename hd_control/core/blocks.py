@@ -13,9 +13,9 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
+from hd_control.core.arrays import FloatArray
 
 
 @dataclass(frozen=True)

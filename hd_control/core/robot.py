@@ -12,12 +12,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import RobotError
 from hd_control.core.resources import find_config
 
-FloatArray = NDArray[np.float64]
 MAX_BYTES = 10_000_000
 
 

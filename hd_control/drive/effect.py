@@ -6,9 +6,10 @@ The model of one joint is three balances; every term is written once, as a **col
     transmission    q = phi - tau_s/k + ...    + sum coefficient * column   rad    column: what it adds to the reading q
     link_torque     0 = M q'' + b - tau_s      + sum coefficient * column   N m    column: torque that resists the link
 
-(equation sheet 1.1; tau_s is what the gauge bridge indicates.) Columns are functions of the drive's state and of the
-effect's **shape** (the parameters in which it is not linear); physical coefficients multiply them. So one file serves
-evaluation (known values), regression (unknown coefficients, shapes searched) and prediction (state by state).
+tau_s is what the gauge bridge indicates; docs/equations/joint.md (J6), (J7), (J8). Columns are functions of the drive's
+state and of the effect's **shape** (the parameters in which it is not linear); physical coefficients multiply them. So
+one file serves evaluation (known values), regression (unknown coefficients, shapes searched) and prediction (state by
+state).
 """
 
 from __future__ import annotations
@@ -19,11 +20,9 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+from hd_control.core.arrays import BoolArray, FloatArray, IntArray
+
 Shape = Mapping[str, Any]
 """Values of the parameters in which an effect is not linear, by name; and choices of form."""
 Columns = dict[str, FloatArray]

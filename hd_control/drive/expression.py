@@ -16,18 +16,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import ConfigError
-from hd_control.drive.effect import (
-    CHANNELS,
-    UNITS,
-    Columns,
-    Context,
-    DriveStates,
-    Effect,
-    EffectParameter,
-    FloatArray,
-    Shape,
-)
+from hd_control.drive.effect import CHANNELS, UNITS, Columns, Context, DriveStates, Effect, EffectParameter, Shape
 from hd_control.drive.formula import CONSTANTS, SIGNALS, TAKEN, evaluate_formula, parse_formula
 
 SHORT = {"direction": "motor_direction", "velocity": "motor_velocity", "torque": "joint_torque"}

@@ -1,8 +1,9 @@
 """Nominal link dynamics of one joint: M q'' and gravity with Coriolis torque, and what an added body would add.
 
-    tau_j = (M(q) q'')_j + b_j(q, q'),    added body: tau_j = Y_j(q, q', q'') p        (equation sheet 1.1, Zhu (28))
+    tau_j = (M(q) q'')_j + b_j(q, q'),    added body: tau_j = Y_j(q, q', q'') p
 
 Frames are those of `Robot`: the z axis of a link's frame is its joint's axis. All samples at once; linear in q''.
+Source: docs/equations/link.md (L1), (L2), (L3).
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import ConfigError
 from hd_control.core.robot import Robot
-from hd_control.drive.effect import FloatArray
 from hd_control.drive.model import JointModel, Model
 
 GRAVITY = 9.81

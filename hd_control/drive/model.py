@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import ConfigError
-from hd_control.drive.effect import Context, Effect, FloatArray, Shape
+from hd_control.drive.effect import Context, Effect, Shape
 
 if TYPE_CHECKING:
     from hd_control.core.robot import Robot

@@ -6,7 +6,7 @@ Coulomb friction is set-valued (soft threshold), effects follow through `Effect.
     I* dv = T (u - tau - R) - T G s,  M dw = T (tau - rest - L),  tau = tau_mid + c (dv - dw),  c = T k_t / 4 + k d / 2
 
 with R + G s the motor columns, L the link columns, k_t the tangent stiffness of spring and transmission columns.
-Source: equation sheet 1.8 (steps 3, 5 and 6 without reversals inside a step), method sheet 9.
+Source: docs/equations/prediction.md (W1), (W2), (W3).
 """
 
 from __future__ import annotations
@@ -15,15 +15,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from hd_control.core.arrays import BoolArray, FloatArray, IntArray
 from hd_control.core.errors import ConfigError
-from hd_control.drive.effect import DriveStates, FloatArray, IntArray
+from hd_control.drive.effect import DriveStates
 from hd_control.drive.link import OwnLink
 from hd_control.drive.model import JointModel
-from hd_control.drive.predict_plant import BoolArray, Plant, rows_of
+from hd_control.drive.predict_plant import Plant, rows_of
 from hd_control.drive.predict_step import Stepper
 
 HORIZONS = ((0.5, 0.25), (5.0, 2.5))
-"""s: length of a window and distance of starts, in which predictions are compared (method sheet 9)."""
+"""s: length of a window and distance of starts, in which predictions are compared."""
 LONGEST_STEP = 2e-3
 """s: a long window takes steps of this length if the samples are closer; the spring's mode lies below 60 Hz."""
 LONG_WINDOW = 1.0

@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hd_control.core.arrays import BoolArray, FloatArray, IntArray
 from hd_control.core.errors import ConfigError
-from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, DriveStates, Effect, FloatArray, IntArray, Shape
+from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, DriveStates, Effect, Shape
 from hd_control.drive.link import OwnLink
 from hd_control.drive.model import JointModel
 
 BASE = ("rotor_inertia", "torsional_stiffness", "coulomb_friction", "viscous_friction", "link_dynamics")
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

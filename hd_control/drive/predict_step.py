@@ -1,10 +1,11 @@
-"""One step of a free run for all windows at once (see `drive/predict.py` for the equations)."""
+"""One step of a free run for all windows at once. Source: docs/equations/prediction.md (W1), (W2)."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, DriveStates, FloatArray, IntArray
+from hd_control.core.arrays import FloatArray, IntArray
+from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, DriveStates
 from hd_control.drive.predict_plant import Plant, Term
 
 NEWTON_ROUNDS = 2

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from hd_control.core.arrays import FloatArray
+
 ROUNDS = 5
 """Newton rounds of `approach` with stiffening; quadratic from a start below the root, 1e-12 for stiffening < 5."""
 
@@ -57,8 +58,9 @@ def approach_step(level: Any, change: Any, rate: float, stiffening: float = 0.0)
     """H after its driving variable moved by `change` from where it was `level`; numbers or arrays.
 
     dH/dx = rate (s - H) / (1 + stiffening (1 - s H)), s the sign of dx, |H| <= 1, exact for a monotone change of any
-    size. Without stiffening: equation sheet 1.4 and the bristle of 1.2 over their travel. With it: 1.4 over the torque
-    instead of the torsion, stiffening = A/k.
+    size. Without stiffening: hysteresis and bristle over their travel, docs/equations/transmission.md (T7) and
+    docs/equations/friction.md (F12). With it: hysteresis over the torque, stiffening = A/k,
+    docs/equations/transmission.md (T9).
     """
     s = np.where(np.asarray(change) >= 0.0, 1.0, -1.0)
     return np.asarray(s * (1.0 - _gap(1.0 - s * level, rate * np.abs(change), stiffening)))

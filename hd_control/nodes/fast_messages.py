@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hd_control import _messages
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray
 from hd_control.record.cdr import JointStateCodec
 
 Destinations = Mapping[str, Sequence[tuple[FloatArray, Sequence[int]]]]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from sensor_msgs.msg import JointState
 
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray
 from hd_control.core.parameters import ParameterSet
 from hd_control.nodes.fast_messages import make_message
 from hd_control.nodes.lifecycle_shell import OK, Introspection, Shell

@@ -15,7 +15,7 @@ from rclpy.clock import Clock, ClockType
 
 from hd_control.control.goal_watch import CODES, INVALID_GOAL, PATH_VIOLATED, GoalWatch, Outcome, Tolerances
 from hd_control.control.path import Path
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import GoalError
 from hd_control.nodes.convert import goal_from_message, stamp_ns
 from hd_control.nodes.goal_desk import GoalDesk

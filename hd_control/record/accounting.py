@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from hd_control.core.arrays import IntArray
 from hd_control.record.cdr import CLOCK
-from hd_control.record.fixed_cdr import Buffer, IntArray
+from hd_control.record.fixed_cdr import Buffer
 from hd_control.record.schema import HEADER_FIRST
 
 _HEADER = struct.Struct("<iII")

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from hd_control import _records
-from hd_control.record.fixed_cdr import Buffer, IntArray
+from hd_control.core.arrays import IntArray
+from hd_control.record.fixed_cdr import Buffer
 from hd_control.record.problems import RECORD_CAP
 
 BLOCK_MESSAGES = 1 << 16

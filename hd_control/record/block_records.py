@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from hd_control import _records
+from hd_control.core.arrays import IntArray
 from hd_control.record.block import Block
-from hd_control.record.fixed_cdr import IntArray
 from hd_control.record.mcap_file import MESSAGE, message_record, message_records
 
 

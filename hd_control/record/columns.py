@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hd_control import _records
+from hd_control.core.arrays import FloatArray, IntArray
 from hd_control.record.block import Block
 from hd_control.record.cdr import VALUES, JointStateCodec, TemperatureCodec, codec_of
-from hd_control.record.fixed_cdr import SURPLUS, FixedCodec, FloatArray, IntArray, MessageColumns
+from hd_control.record.fixed_cdr import SURPLUS, FixedCodec, MessageColumns
 
 MAX_LAYOUTS = 64
 

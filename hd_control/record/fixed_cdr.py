@@ -17,9 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-ByteArray = NDArray[np.uint8]
+from hd_control.core.arrays import ByteArray, FloatArray, IntArray
+
 Buffer = bytes | bytearray | memoryview
 
 ENCAPSULATION = b"\x00\x01\x00\x00"

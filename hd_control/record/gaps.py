@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hd_control.record.fixed_cdr import IntArray
+from hd_control.core.arrays import IntArray
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,8 @@ import numpy as np
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 
-from hd_control.record.fixed_cdr import Buffer, ByteArray, IntArray
+from hd_control.core.arrays import ByteArray, IntArray
+from hd_control.record.fixed_cdr import Buffer
 
 MAGIC = b"\x89MCAP0\r\n"
 MESSAGE = struct.Struct("<BQHIQQ")

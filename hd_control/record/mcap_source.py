@@ -16,10 +16,11 @@ import mcap.records as records
 import numpy as np
 from mcap.opcode import Opcode
 
+from hd_control.core.arrays import IntArray
 from hd_control.core.errors import BagError
 from hd_control.record.block import Block, scan_some, scanned_block, scans
 from hd_control.record.chunks import ChunkError, ChunkPlace, chunk_data, chunk_place
-from hd_control.record.fixed_cdr import Buffer, IntArray
+from hd_control.record.fixed_cdr import Buffer
 from hd_control.record.mapped_file import MappedFile
 from hd_control.record.mcap_end import parse_record, read_end
 from hd_control.record.mcap_file import MAGIC

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hd_control.record.fixed_cdr import FloatArray
+from hd_control.core.arrays import FloatArray
 
 STANDSTILL = 0.01
 """Below this share of the largest speed a joint counts as standing still."""

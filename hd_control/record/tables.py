@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import BagError
 
-FloatArray = NDArray[np.float64]
 NAMES = "joints"
 """Key of an NPZ file that holds the joint names."""
 DELIMITERS = ",;\t"

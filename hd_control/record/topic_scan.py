@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from hd_control.core.arrays import FloatArray, IntArray
 from hd_control.record.columns import Columns
-from hd_control.record.fixed_cdr import FloatArray, IntArray
 from hd_control.record.reader import BagReader
 from hd_control.record.speed_scan import SpeedScan
 

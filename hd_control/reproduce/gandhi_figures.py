@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hd_control.analysis.figures import COLOURS, thinned
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray
 from hd_control.reproduce.gandhi_runs import ABLATION, PERIODS, Experiment, run
 
 Titled = tuple[str, Any]

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from hd_control.control import integral_manifold as law
-from hd_control.core.blocks import Block, FloatArray
+from hd_control.core.arrays import FloatArray
+from hd_control.core.blocks import Block
 from hd_control.reproduce.constants import Constants, load_constants
 from hd_control.sensing.differentiate import Derivative, derivative_pole
 from hd_control.sensing.encoders import joint_count, motor_count, quantise

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from hd_control.control import torque_feedback as law
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray
 from hd_control.reproduce.constants import Constants, load_constants
 from hd_sim.one_link_arm import OneLinkArm
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray
 from hd_control.reproduce.constants import Constants, load_constants
 from hd_control.reproduce.hashimoto_runs import arm
 from hd_control.sensing.gauge_bridge import GaugeModel, correct, misalignment_ripple

@@ -15,7 +15,8 @@ import numpy as np
 
 from hd_control.control import torque
 from hd_control.control.motion_vdc import rigid_torque
-from hd_control.core.blocks import Block, FloatArray
+from hd_control.core.arrays import FloatArray
+from hd_control.core.blocks import Block
 from hd_control.core.robot import Robot
 from hd_control.reproduce.constants import load_constants
 from hd_control.reproduce.zhu_options import STARTS, Case, plant_of, setup_of

@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from hd_control.core.blocks import Block, FloatArray
+from hd_control.core.arrays import FloatArray
+from hd_control.core.blocks import Block
 from hd_control.core.workers import serve_only
 from hd_control.reproduce.constants import load_constants
 from hd_control.reproduce.rows import Progress

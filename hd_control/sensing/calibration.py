@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import BagError
 from hd_control.sensing.gauge_bridge import GaugeModel, ripple
 

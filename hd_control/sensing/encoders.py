@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray
 
 
 def motor_count(counts_per_turn: float, gear_ratio: float) -> float:

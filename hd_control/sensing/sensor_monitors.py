@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hd_control import _monitors
-from hd_control.core.blocks import Block, FloatArray
+from hd_control.core.arrays import BoolArray, FloatArray
+from hd_control.core.blocks import Block
 from hd_control.core.faults import Action, Fault, FaultCode
 
-BoolArray = NDArray[np.bool_]
 ENCODER, RESOLVER, GAUGE = range(3)
 RAIL_SHARE = 0.99
 WHOLE_TURN = 2.0 * math.pi

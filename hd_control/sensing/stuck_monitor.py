@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hd_control import _monitors
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray
 from hd_control.core.faults import Action, Fault, FaultCode
 
 ENCODER, RESOLVER = range(2)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray
 from hd_control.core.faults import Action, Fault, FaultCode
 from hd_control.record.black_box_files import KEPT, Incident
 

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from hd_control.control.guard_limits import SafetyLimits
-from hd_control.core.blocks import Block, FloatArray
+from hd_control.core.arrays import FloatArray
+from hd_control.core.blocks import Block
 from hd_control.core.faults import Action, Fault
 from hd_control.core.robot import Robot
 from hd_control.sensing import fusion, stuck_monitor

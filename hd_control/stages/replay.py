@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from hd_control.control.goal_check import GoalLimits, check_goal
 from hd_control.control.path import Goal
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import ConfigError, GoalError
 from hd_control.core.parameters import ParameterSet
 from hd_control.core.robot import Robot

@@ -11,11 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hd_control.control.goal_check import goal_from_points
 from hd_control.control.path import Goal
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray, IntArray
 from hd_control.core.errors import BagError, ConfigError, GoalError
 from hd_control.core.robot import Robot
 from hd_control.core.strict_yaml import params_of, parse_yaml
@@ -23,7 +22,6 @@ from hd_control.record.columns import Columns
 from hd_control.record.reader import BagReader
 from hd_control.stages import topics
 
-IntArray = NDArray[np.int64]
 OUTPUTS = (topics.JOINT_STATES, topics.MOTOR_STATES, topics.REFERENCE, topics.REQUIRED, topics.COMMAND)
 """Topics that the chain makes, in the order in which it makes them."""
 NODES = ("fusion_node", "motion_node", "torque_node")

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from hd_control.core.blocks import Block, FloatArray
+from hd_control.core.arrays import FloatArray
+from hd_control.core.blocks import Block
 from hd_control.core.robot import Robot
 from hd_control.stages.model_ramp import ModelRamp, ramp_to
 from hd_control.stages.wiring import Source, Wiring

@@ -12,7 +12,8 @@ from hd_control.control import adaptation_monitor as adaptation
 from hd_control.control import torque
 from hd_control.control.guard import Guard, Mode
 from hd_control.control.guard_limits import SafetyLimits
-from hd_control.core.blocks import Block, FloatArray
+from hd_control.core.arrays import FloatArray
+from hd_control.core.blocks import Block
 from hd_control.core.faults import Action, Fault, FaultCode, strongest
 from hd_control.core.robot import Robot
 from hd_control.stages import topics

@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 
 from hd_control import _messages
 from hd_control._messages import COMPLETE, FOREIGN, REPEATED, STALE
-from hd_control.core.blocks import FloatArray
+from hd_control.core.arrays import FloatArray
 from hd_control.nodes.fast_messages import add_input
 from hd_control.nodes.ros_loop import chain_qos
 from hd_control.record.cdr import JointStateCodec

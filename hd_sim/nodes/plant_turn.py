@@ -11,7 +11,8 @@ import time
 from collections.abc import Mapping
 from typing import Any, Protocol
 
-from hd_control.core.blocks import Block, FloatArray
+from hd_control.core.arrays import FloatArray
+from hd_control.core.blocks import Block
 from hd_control.nodes.loop_statistics import LoopStatistics
 from hd_control.nodes.real_time import sleep_until
 from hd_control.nodes.ros_loop import WAIT_NS, FastLoop

@@ -2,8 +2,9 @@
 
     true motor torque(t) = u(t - D)        u N m held over a tick of the recording, D s
 
-Its column u(t) - u(t - D) has coefficient 1 where D is right. Source: equation sheet 1.5, method sheet 4. With a held
-command the mean over a tick is exact for any D; valid for a delay that does not change.
+Its column u(t) - u(t - D) has coefficient 1 where D is right. With a held command the mean over a tick is exact for any
+D; valid for a delay that does not change.
+Source: docs/equations/actuator.md (A2), (A5).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import final
 
 import numpy as np
 
+from hd_control.core.arrays import FloatArray, IntArray
 from hd_control.drive.effect import (
     MOTOR,
     Columns,
@@ -21,8 +23,6 @@ from hd_control.drive.effect import (
     DriveStates,
     Effect,
     EffectParameter,
-    FloatArray,
-    IntArray,
     Reference,
     Shape,
 )

@@ -2,7 +2,7 @@
 
     torque on the rotor = c + e |phi'|        c N m offset, e = (k_vp - k_vn) / 2, N m s
 
-Source: Zhu (3), (4) with c, k_vp, k_vn, equation sheet 1.2.
+Source: docs/equations/friction.md (F3), (F7), Z(3), Z(4) with c, k_vp, k_vn.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import final
 
 import numpy as np
 
+from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import (
     MOTOR,
     Columns,
@@ -20,7 +21,6 @@ from hd_control.drive.effect import (
     DriveStates,
     Effect,
     EffectParameter,
-    FloatArray,
     Reference,
     Shape,
 )

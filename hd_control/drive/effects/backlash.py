@@ -2,7 +2,7 @@
 
     delta = tau / k + h sgn(tau)        h half gap, rad; smoothed by tanh(tau / tau_0) within the resolution of the data
 
-Source: equation sheet 1.1 with a dead zone. Valid away from impacts.
+Source: docs/equations/transmission.md (T13). Valid away from impacts.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from typing import final
 
 import numpy as np
 
+from hd_control.core.arrays import BoolArray
 from hd_control.drive.effect import (
     TORSION_FAMILY,
     TRANSMISSION,
-    BoolArray,
     Columns,
     Confusion,
     DriveStates,

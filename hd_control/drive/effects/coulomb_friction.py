@@ -2,7 +2,7 @@
 
     torque on the rotor = k_c sgn(phi')        k_c N m, output side; any value in [-k_c, k_c] at rest
 
-Source: Zhu (3) without load, equation sheet 1.2. Valid outside presliding.
+Source: docs/equations/friction.md (F3), (F5), Z(3) without load. Valid outside presliding.
 """
 
 from __future__ import annotations

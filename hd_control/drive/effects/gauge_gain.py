@@ -2,7 +2,7 @@
 
     tau_s = (1 + g) tau,    tau = (1 - gamma) tau_s,    gamma = g / (1 + g)        g -, tau N m
 
-Source: equation sheet 1.6, H(8), method sheet 4. In the transmission it hides in the stiffness.
+Source: docs/equations/gauge.md (S6), (S9), H(8). In the transmission it hides in the stiffness.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import final
 
 import numpy as np
 
+from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import (
     LINK,
     MOTOR,
@@ -21,7 +22,6 @@ from hd_control.drive.effect import (
     DriveStates,
     Effect,
     EffectParameter,
-    FloatArray,
     Reference,
     Shape,
 )

@@ -2,7 +2,7 @@
 
     tau_s = tau + o        o N m; seen by rotor and link balance with opposite signs
 
-Source: equation sheet 1.6, method sheet 4. In the transmission it hides in the assembly zero.
+Source: docs/equations/gauge.md (S10). In the transmission it hides in the assembly zero.
 """
 
 from __future__ import annotations

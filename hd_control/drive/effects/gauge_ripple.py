@@ -6,7 +6,7 @@
 turn = 0 where the flexspline is fixed to the casing, -1 or +1 where it turns with the joint (by mounting). n = 2 is
 left by a misaligned second gauge pair, n = 4 is not cancelled by any pair at 90 degrees. The torsion that the ripple
 would mean is that of spring and damper in parallel, 1/(k (1 + d s)), at the frequency n beta' of the moment.
-Source: equation sheet 1.6, H(9)-(13). Valid for a ripple that does not depend on load.
+Source: docs/equations/gauge.md (S4), (S11), (S12), H(9)-(13). Valid for a ripple that does not depend on load.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from typing import final
 
 import numpy as np
 
+from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import (
     LINK,
     MOTOR,
@@ -27,7 +28,6 @@ from hd_control.drive.effect import (
     DriveStates,
     Effect,
     EffectParameter,
-    FloatArray,
     Reference,
     Shape,
 )

@@ -2,7 +2,7 @@
 
     reading = q + sum_n c_n cos(n q) + s_n sin(n q),  n = 1, 2        c_n, s_n rad, q joint angle, rad
 
-Source: method sheet 4. Identical to a transmission error of the same order.
+Source: docs/equations/encoders.md (E4). Identical to a transmission error of the same order.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import final
 
 import numpy as np
 
+from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import (
     TRANSMISSION,
     Columns,
@@ -21,7 +22,6 @@ from hd_control.drive.effect import (
     DriveStates,
     Effect,
     EffectParameter,
-    FloatArray,
     Reference,
     Shape,
 )

@@ -3,8 +3,8 @@
     KE(theta) = sum_n a_n cos(n theta) + b_n sin(n theta)        rad at the output, theta = N phi rotor angle, rad
     q = phi + KE - torsion,    torque on the rotor: tau N dKE/dtheta (energy is kept)
 
-Source: Gandhi-Ghorbel G(2), equation sheet 1.1, 1.3. Dominant n = 2 (two engagement zones), then 4 and 1. Valid for an
-error that depends neither on load nor on the joint angle.
+Dominant n = 2 (two engagement zones), then 4 and 1. Valid for an error that depends neither on load nor on the joint
+angle. Source: docs/equations/transmission.md (T10), (T12), G(2).
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import final
 
 import numpy as np
 
+from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import (
     MOTOR,
     TRANSMISSION,
@@ -24,7 +25,6 @@ from hd_control.drive.effect import (
     DriveStates,
     Effect,
     EffectParameter,
-    FloatArray,
     Reference,
     Shape,
 )

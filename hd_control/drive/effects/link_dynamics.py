@@ -3,7 +3,7 @@
     tau = s M(q) q'' + b(q, q')        M, b from the robot description; s scale of the inertia
     tau = J q'' + g_c cos q + g_s sin q        a single joint without a description; J kg m^2, g N m
 
-Source: equation sheet 1.1. Valid for rigid links.
+Source: docs/equations/link.md (L1), (L2). Valid for rigid links.
 """
 
 from __future__ import annotations
@@ -13,17 +13,8 @@ from typing import final
 
 import numpy as np
 
-from hd_control.drive.effect import (
-    LINK,
-    Columns,
-    Context,
-    DriveStates,
-    Effect,
-    EffectParameter,
-    FloatArray,
-    Reference,
-    Shape,
-)
+from hd_control.core.arrays import FloatArray
+from hd_control.drive.effect import LINK, Columns, Context, DriveStates, Effect, EffectParameter, Reference, Shape
 
 
 @final

@@ -2,7 +2,7 @@
 
     torque on the link = f_c sgn(q') + f_v q'        f_c N m, f_v N m s
 
-Source: method sheet 4. The sign is smoothed over `STANDSTILL`; valid outside presliding of the output bearing.
+Source: docs/equations/link.md (L4). The sign is smoothed over `STANDSTILL`; valid outside presliding of the bearing.
 """
 
 from __future__ import annotations
@@ -12,16 +12,15 @@ from typing import final
 
 import numpy as np
 
+from hd_control.core.arrays import BoolArray, FloatArray
 from hd_control.drive.effect import (
     LINK,
-    BoolArray,
     Columns,
     Confusion,
     Context,
     DriveStates,
     Effect,
     EffectParameter,
-    FloatArray,
     Reference,
     Shape,
 )

@@ -2,7 +2,7 @@
 
     torque on the rotor = k_c (g1 |tau| + g2 tau^2) sgn(phi')        g1 1/(N m), g2 1/(N m)^2
 
-Source: Zhu (3), equation sheet 1.2. Valid outside presliding.
+Source: docs/equations/friction.md (F1), (F8), Z(3). Valid outside presliding.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import final
 
 import numpy as np
 
+from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import (
     MOTOR,
     Columns,
@@ -20,7 +21,6 @@ from hd_control.drive.effect import (
     DriveStates,
     Effect,
     EffectParameter,
-    FloatArray,
     Reference,
     Shape,
 )

@@ -2,7 +2,8 @@
 
     torque that drives the rotor = A sin(n theta + psi)        A N m at the output, theta rotor angle, rad, psi rad
 
-Source: method sheet 4. n is a whole number of slots or pole pairs per turn. Valid for an amplitude without load.
+n is a whole number of slots or pole pairs per turn. Valid for an amplitude that does not depend on load.
+Source: docs/equations/actuator.md (A6).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import final
 
 import numpy as np
 
+from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import (
     MOTOR,
     Columns,
@@ -21,7 +23,6 @@ from hd_control.drive.effect import (
     DriveStates,
     Effect,
     EffectParameter,
-    FloatArray,
     Reference,
     Shape,
 )

@@ -6,7 +6,8 @@
 s, the steepening, is 0 for a soft zone that closes with the torque, depth / width for one that closes with the torsion
 (tanh(delta / width)), negative for one that closes slowly; s < 1. Hardening: x = tau / tau_scale, y = k delta /
 tau_scale, r = m2 tau_scale^2 / k^3 (negative: softening, up to its peak).
-Source: equation sheet 1.1 (m1, m2), G(5). The law is inverted, for a column tau^3 misfits strong hardening.
+The law is inverted, for a column tau^3 misfits strong hardening.
+Source: docs/equations/transmission.md (T3), (T4), (T5), G(5).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import final
 
 import numpy as np
 
+from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import (
     TORSION_FAMILY,
     TRANSMISSION,
@@ -26,7 +28,6 @@ from hd_control.drive.effect import (
     DriveStates,
     Effect,
     EffectParameter,
-    FloatArray,
     Reference,
     Shape,
 )

@@ -4,8 +4,8 @@
     torque on the link = g_c cos q + g_s sin q        a single joint without a robot description; N m
 
 p = (m, m c_x, m c_y, m c_z, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz), kg, kg m, kg m^2, about the joint frame's origin. Of
-parameters that a joint cannot tell apart only one is kept; it stands for their combination. Source: Zhu (28) (linear in
-the inertial parameters), method sheet 4. Valid for a rigid body.
+parameters that a joint cannot tell apart only one is kept; it stands for their combination. Valid for a rigid body.
+Source: docs/equations/link.md (L2), (L3).
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import final
 
 import numpy as np
 
+from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import (
     LINK,
     Columns,
@@ -24,7 +25,6 @@ from hd_control.drive.effect import (
     DriveStates,
     Effect,
     EffectParameter,
-    FloatArray,
     Reference,
     Shape,
 )

@@ -2,8 +2,8 @@
 
     torque on the rotor = k (H(phi) - sgn phi'),    dH = a |dphi| (sgn dphi - H)        k N m, 1/a travel, rad
 
-Source: equation sheet 1.2 (bristle law) without its damping. Visible in the first millirad after reversals only; with
-k equal to the Coulomb torque, H takes the place of the sign.
+This is the bristle law without its damping. Visible in the first millirad after reversals only; with k equal to the
+Coulomb torque, H takes the place of the sign. Source: docs/equations/friction.md (F4), (F12).
 """
 
 from __future__ import annotations
@@ -14,18 +14,8 @@ from typing import final
 
 import numpy as np
 
-from hd_control.drive.effect import (
-    MOTOR,
-    Columns,
-    Confusion,
-    DriveStates,
-    Effect,
-    EffectParameter,
-    FloatArray,
-    IntArray,
-    Reference,
-    Shape,
-)
+from hd_control.core.arrays import FloatArray, IntArray
+from hd_control.drive.effect import MOTOR, Columns, Confusion, DriveStates, Effect, EffectParameter, Reference, Shape
 from hd_control.drive.shapes import approach, approach_step
 
 

@@ -2,7 +2,7 @@
 
     torque on the rotor = c phi' |phi'|        c N m s^2
 
-Source: equation sheet 1.2 extended, method sheet 4.
+Source: docs/equations/friction.md (F10).
 """
 
 from __future__ import annotations

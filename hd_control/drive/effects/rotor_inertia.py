@@ -2,7 +2,7 @@
 
     torque on the rotor = I* phi''        I* = N^2 J_rotor, kg m^2; phi motor angle / N, rad
 
-Source: Zhu (2), equation sheet 1.1. Valid for a rigid motor shaft.
+Source: docs/equations/joint.md (J4), Z(2). Valid for a rigid motor shaft.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
     torque on the rotor = k_c (r_s - 1) exp(-(phi'/v_s)^2) sgn(phi')        r_s ratio at rest, v_s rad/s
 
-Source: equation sheet 1.2 (Stribeck factor of Zhu (3)). Valid outside presliding.
+Source: docs/equations/friction.md (F2), (F9): a factor on the Coulomb torque of Z(3). Valid outside presliding.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import final
 
 import numpy as np
 
+from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import (
     MOTOR,
     Columns,
@@ -21,7 +22,6 @@ from hd_control.drive.effect import (
     DriveStates,
     Effect,
     EffectParameter,
-    FloatArray,
     Reference,
     Shape,
 )

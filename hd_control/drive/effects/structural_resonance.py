@@ -3,8 +3,8 @@
     link balance: M q'' + b - tau + m (X - 1)(tau - b) = 0,    X = (w^2 + 2 z w s) / (s^2 + 2 z w s + w^2)
 
 m = mu / (1 - mu), mu the share of the inertia that hangs on the spring; w = w_0 / sqrt(1 - mu), z = z_0 / sqrt(1 - mu)
-with w_0 (2 pi Hz) and z_0 of the hanging part alone, joint held. Exact for gravity of the rigid link. Source: method
-sheet 4, written for the free joint; discretised with linear input between samples. Valid well below the sample rate.
+with w_0 (2 pi Hz) and z_0 of the hanging part alone, joint held. Exact for gravity of the rigid link. Discretised with
+linear input between samples. Valid well below the sample rate. Source: docs/equations/link.md (L5), (L6).
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import final
 
 import numpy as np
 
+from hd_control.core.arrays import FloatArray, IntArray
 from hd_control.drive.effect import (
     LINK,
     Columns,
@@ -23,8 +24,6 @@ from hd_control.drive.effect import (
     DriveStates,
     Effect,
     EffectParameter,
-    FloatArray,
-    IntArray,
     Reference,
     Shape,
 )

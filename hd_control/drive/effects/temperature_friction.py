@@ -2,8 +2,8 @@
 
     torque on the rotor = e_v (T - T0) phi' + e_c (T - T0) sgn(phi')        e_v N m s/K, e_c N m/K, T0 degC
 
-T0 is the mean of the first recording. Source: method sheet 4. Valid for a motor temperature that stands for the
-grease's.
+T0 is the mean of the first recording. Valid for a motor temperature that stands for the grease's.
+Source: docs/equations/friction.md (F11).
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import final
 
 import numpy as np
 
+from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import (
     MOTOR,
     Columns,
@@ -21,7 +22,6 @@ from hd_control.drive.effect import (
     DriveStates,
     Effect,
     EffectParameter,
-    FloatArray,
     Reference,
     Shape,
 )

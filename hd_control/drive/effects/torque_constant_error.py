@@ -2,7 +2,8 @@
 
     true motor torque = (1 + e) u        e -, u N m recorded motor torque, output side
 
-Source: method sheet 4, equation sheet 1.5. Valid for an error that depends neither on current nor on temperature.
+Valid for an error that depends neither on current nor on temperature.
+Source: docs/equations/actuator.md (A4).
 """
 
 from __future__ import annotations

@@ -4,8 +4,9 @@
     q = phi - tau/k + (A / (alpha k)) H,  H = h alpha / A in [-1, 1]
     dH/dtau = a (s - H) / (1 + p (1 - s H))        a = alpha / k, p = A / k, s = sgn tau'
 
-the law of Dhaouadi, Gandhi-Ghorbel G(6), written over the torque, which is measured better than the torsion; exact.
-Source: equation sheet 1.4. Valid for a linear elastic part and a hysteresis that does not depend on rate.
+the law of Dhaouadi, written over the torque, which is measured better than the torsion; exact. Valid for a linear
+elastic part and a hysteresis that does not depend on rate.
+Source: docs/equations/transmission.md (T6), (T7), (T9), G(6).
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import final
 
 import numpy as np
 
+from hd_control.core.arrays import FloatArray, IntArray
 from hd_control.drive.effect import (
     TORSION_FAMILY,
     TRANSMISSION,
@@ -25,8 +27,6 @@ from hd_control.drive.effect import (
     DriveStates,
     Effect,
     EffectParameter,
-    FloatArray,
-    IntArray,
     Reference,
     Shape,
 )

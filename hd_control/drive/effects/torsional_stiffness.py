@@ -2,7 +2,7 @@
 
     q = phi - tau / k + (d / k) tau' + c0        k N m/rad, d s, c0 rad; tau N m joint torque
 
-Source: Zhu (1), equation sheet 1.1 (k_f, d), to first order in d. Valid for torsion without lost motion.
+Source: docs/equations/transmission.md (T1), (T2), Z(1), to first order in d. Valid for torsion without lost motion.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import final
 
 import numpy as np
 
+from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import (
     TRANSMISSION,
     Columns,
@@ -19,7 +20,6 @@ from hd_control.drive.effect import (
     DriveStates,
     Effect,
     EffectParameter,
-    FloatArray,
     Reference,
     Shape,
 )

@@ -2,7 +2,7 @@
 
     torque on the rotor = k_v phi'        k_v N m s, output side
 
-Source: Zhu (4), equation sheet 1.2.
+Source: docs/equations/friction.md (F3), (F6), Z(4).
 """
 
 from __future__ import annotations
