@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from hd_control.control.guard import Guard
-from hd_control.control.trajectory import Goal
+from hd_control.chain.motion_stage import LOST_TOLERANCE
 from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import ConfigError
-from hd_control.stages.motion_stage import LOST_TOLERANCE
-from hd_sim.drive_seam import LET_GO_SAMPLES, MOVING_SPEED, VELOCITY_WEIGHT
+from hd_control.laws.trajectory import Goal
+from hd_control.safety.guard import Guard
+from hd_sim.drive_side import LET_GO_SAMPLES, MOVING_SPEED, VELOCITY_WEIGHT
 from hd_sim.runner import Runner
 
 

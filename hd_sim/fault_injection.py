@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from hd_control.control.trajectory import quintic_move
+from hd_control.chain.stage import Bus, Stage
+from hd_control.core import topics
 from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import ConfigError
-from hd_control.stages import topics
-from hd_control.stages.stage import Bus, Stage
+from hd_control.laws.trajectory import quintic_move
 from hd_sim.plant_config import PlantConfig
 from hd_sim.runner import Runner, RunSetup
 from hd_sim.world import sensor_arrays

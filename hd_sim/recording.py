@@ -7,14 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from hd_control.control.trajectory import Goal
+from hd_control.chain.stage import Bus
+from hd_control.core import topics
 from hd_control.core.arrays import FloatArray
 from hd_control.core.robot import Robot
+from hd_control.core.topics import TRAJECTORY_TYPE
+from hd_control.laws.trajectory import Goal
 from hd_control.record.cdr import TemperatureCodec, encode_message, encode_text, message_class
-from hd_control.record.schema import TRAJECTORY, joint_state_codec
+from hd_control.record.schema import joint_state_codec
 from hd_control.record.writer import BagWriter
-from hd_control.stages import topics
-from hd_control.stages.stage import Bus
 
 RUN_ID = "simulation_00000"
 """Run id in the frame_id of simulated messages: fixed, so that equal runs make equal bags."""
@@ -79,8 +80,8 @@ class RunRecording:
             )
             for row, time in enumerate(goal.times)
         ]
-        message = message_class(TRAJECTORY)(header, list(goal.joint_names), points)
-        self.writer.write(topics.GOAL, stamp_ns, tick * self.period_ns, encode_message(TRAJECTORY, message))
+        message = message_class(TRAJECTORY_TYPE)(header, list(goal.joint_names), points)
+        self.writer.write(topics.GOAL, stamp_ns, tick * self.period_ns, encode_message(TRAJECTORY_TYPE, message))
 
     def close(self, reason: str = "") -> Path:
         """Writes what is left, the accounts and the index."""

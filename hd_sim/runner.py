@@ -10,15 +10,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from hd_control.control.goal_check import GoalLimits, check_goal
-from hd_control.control.trajectory import Goal
+from hd_control.chain.chain import LAWS, chain_stages, shipped_values
+from hd_control.chain.stage import Bus
+from hd_control.core import topics
 from hd_control.core.errors import ConfigError
 from hd_control.core.parameters import ParameterSet
-from hd_control.stages import topics
-from hd_control.stages.chain_stages import LAWS, chain_stages
-from hd_control.stages.gate_values import safety_limits
-from hd_control.stages.node_parameters import shipped_values
-from hd_control.stages.stage import Bus
+from hd_control.laws.goals import GoalLimits, check_goal
+from hd_control.laws.trajectory import Goal
+from hd_control.safety.limits import safety_limits
 from hd_sim.plant_config import PlantConfig
 from hd_sim.scenario import Plan
 from hd_sim.world import World, sensor_arrays

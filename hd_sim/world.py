@@ -7,20 +7,21 @@ from typing import Any
 
 import numpy as np
 
-from hd_control.control.guard_limits import SafetyLimits
+from hd_control.chain.black_box import UNKNOWN_STOP, BlackBox, FaultBook
+from hd_control.core import topics
 from hd_control.core.arrays import FloatArray
 from hd_control.core.blocks import Block
-from hd_control.stages.black_box import UNKNOWN_STOP, BlackBox
-from hd_control.stages.fault_book import FaultBook
-from hd_sim.drive_seam import DriveSeam
+from hd_control.safety.limits import SafetyLimits
+from hd_sim.drive_side import DriveSeam
 from hd_sim.plant import Plant, PlantConfig
 
+_READINGS = {"motor_torque": "motor_torque_applied"}
+"""Fields of the plant's sample block that are not named like the quantity of the topic."""
 SENSORS: Mapping[str, tuple[str, str]] = {
-    "encoder": ("position", "motor_shaft_position"),
-    "resolver": ("position", "joint_position"),
-    "gauge_bridge": ("effort", "gauge_torque"),
-    "motor_torque_applied": ("effort", "motor_torque_applied"),
+    topic: (array, _READINGS.get(quantity, quantity))
+    for quantity, (topic, array) in topics.quantities(*topics.SENSORS).items()
 }
+"""Each sensor topic with its array and the field of the plant's sample block that fills it."""
 
 
 def sensor_arrays(sample: Block) -> dict[str, dict[str, FloatArray]]:
@@ -44,7 +45,7 @@ class World:
         self.black_box = BlackBox(config.period)
         self._command, self._sample = np.zeros(len(self.joint_names)), self.seam.sample().copy()
         whole = slice(0, len(self.joint_names))
-        self.black_box.watch(self.joint_names, self._command, {("motor_torque_command", "effort"): whole})
+        self.black_box.watch(self.joint_names, self._command, {(topics.COMMAND, "effort"): whole})
         readings = {(topic, array): self._sample.layout.slices[name] for topic, (array, name) in SENSORS.items()}
         self.black_box.watch(self.joint_names, self._sample.array, readings)
         self.reset_asked = False

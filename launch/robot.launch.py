@@ -12,7 +12,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction, SetEnvironment
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from hd_control.nodes.run_plan import FOUR, RunPlan
+from hd_control.session.session import FOUR, RunPlan
 from launch import LaunchDescription
 
 DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"

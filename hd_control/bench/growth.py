@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -12,9 +13,9 @@ import numpy as np
 
 from hd_control.bench.commands import make_puzzle, run_hd
 from hd_control.bench.measure import Timed, time_each
-from hd_control.bench.records import TOPIC, bag_of
-from hd_control.bench.replays import replay_cost
+from hd_control.bench.rows import TOPIC, bag_of, replay_cost
 from hd_control.core.errors import HdError
+from hd_control.lab.page.style import COLOURS, Figure, axis, layout
 from hd_control.record.reader import BagReader
 
 JOINTS, RATES, SECONDS = (1, 2, 4, 7), (125, 250, 500, 1000), (7.5, 15.0, 30.0, 60.0)
@@ -115,7 +116,7 @@ def _commands_over_rate() -> Iterator[Point]:
 
 
 def _ring_over_rate(seconds: float, notes: list[str]) -> Iterator[Point]:
-    from hd_control.nodes.ring_bench import ring
+    from hd_control.bench.ring import ring
 
     for rate in RING_RATES:
         try:
@@ -125,3 +126,53 @@ def _ring_over_rate(seconds: float, notes: list[str]) -> Iterator[Point]:
             continue
         yield Point("ring_missed", "Hz", rate, result.missed_percent, "%")
         yield Point("ring_p50", "Hz", rate, result.p50, "us")
+
+
+# ----------------------------------------------------------------------------------------------------
+# The curves of `hd bench --growth` as one picture: a field for each axis, both logarithmic.
+
+
+FIELDS: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("joints", ("decode_message", "replay_tick", "compare_arm_20s")),
+    ("messages", ("read_topic",)),
+    ("s of recording", ("compare_joint", "diagnose_joint")),
+    ("Hz", ("compare_minute", "diagnose_minute", "ring_missed", "ring_p50")),
+)
+"""Axis -> curves that are drawn over it."""
+
+
+def growth_figure(points: Sequence[Mapping[str, Any]]) -> Figure:
+    """Each curve over its smallest value, so that a slope can be read: 1 on the vertical axis is the first point."""
+    data: list[dict[str, Any]] = []
+    more: dict[str, Any] = {}
+    measured = {point["name"] for point in points}
+    fields = [(title, names) for title, names in FIELDS if measured & set(names)]
+    for number, (title, names) in enumerate(fields, 1):
+        suffix = "" if number == 1 else str(number)
+        left = (number - 1) / len(fields) + (0.03 if number > 1 else 0.0)
+        more[f"xaxis{suffix}"] = axis(title, type="log", domain=[left, number / len(fields) - 0.03], dtick="D2")
+        more[f"yaxis{suffix}"] = axis("times the first value" if number == 1 else "", type="log", anchor=f"x{suffix}")
+        for name in names:
+            data += _curve(
+                [point for point in points if point["name"] == name], suffix, COLOURS[len(data) % len(COLOURS)]
+            )
+    return {"data": data, "layout": layout("What more joints, longer and faster recordings cost", 460, **more)}
+
+
+def _curve(points: Sequence[Mapping[str, Any]], suffix: str, colour: str) -> list[dict[str, Any]]:
+    points = [point for point in points if point["value"] is not None and math.isfinite(point["value"])]
+    if not points or not points[0]["value"]:
+        return []
+    first = points[0]
+    return [
+        {
+            "type": "scatter",
+            "mode": "lines+markers",
+            "x": [point["size"] for point in points],
+            "y": [point["value"] / first["value"] for point in points],
+            "name": f"{first['name']} ({first['value']:.3g} {first['unit']})",
+            "xaxis": f"x{suffix}",
+            "yaxis": f"y{suffix}",
+            "line": {"color": colour},
+        }
+    ]

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
-    from hd_control.analysis.signals import Recording
     from hd_control.drive.model import Model
+    from hd_control.lab.signals.joint_signals import Recording
 
 Result = TypeVar("Result")
 PARTLY_READ = 3
@@ -34,7 +34,7 @@ def one_thread() -> None:
 
 def open_bag(arguments: argparse.Namespace, bag: str) -> Recording:
     """The recording, all joints of it. Raises BagError or ConfigError."""
-    from hd_control.analysis.recording import read_recording
+    from hd_control.lab.signals.recording import read_recording
 
     return read_recording(bag, arguments.map, None, arguments.start, arguments.seconds)
 
@@ -43,7 +43,7 @@ def open_model(path: str, recording: Recording) -> Model:
     """A model file; its robot is that of the recording if the file names none. Raises ConfigError."""
     from dataclasses import replace
 
-    from hd_control.drive.model_yaml import load_model
+    from hd_control.drive.model_file import load_model
 
     model = load_model(path)
     return replace(model, robot=recording.robot) if model.robot is None and recording.robot else model
@@ -113,7 +113,7 @@ def bag_entry(recording: Recording) -> dict[str, str]:
 
 def model_entry(path: str, model: Model) -> dict[str, str]:
     """`model` of the JSON documents."""
-    from hd_control.drive.model_text import model_sha256
+    from hd_control.drive.model_file import model_sha256
 
     return {"path": path, "sha256": model_sha256(model)}
 

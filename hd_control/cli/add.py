@@ -21,9 +21,9 @@ from hd_control.cli._workbench import (
 )
 
 if TYPE_CHECKING:
-    from hd_control.analysis.adding import FittedParameter
-    from hd_control.analysis.signals import Recording
     from hd_control.drive.model import Model
+    from hd_control.lab.models.fit_model import FittedParameter
+    from hd_control.lab.signals.joint_signals import Recording
 
 NAME = "add"
 HELP = "fits an effect to a recording and writes the model that has it, with intervals and provenance"
@@ -48,8 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     from hd_control.cli.main import UsageError
     from hd_control.cli.options import refuse_overwrite, say, track, write_json
     from hd_control.drive.library import effect_named
-    from hd_control.drive.model_text import model_sha256
-    from hd_control.drive.model_yaml import save_model
+    from hd_control.drive.model_file import model_sha256, save_model
 
     if bool(arguments.effect) == arguments.refit:
         raise UsageError("add: give the name of an effect, or --refit")
@@ -88,8 +87,8 @@ def _joints(arguments: argparse.Namespace, recording: Recording, model: Model) -
 def _fit(
     recording: Recording, model: Model, joint: str, effect: str | None
 ) -> tuple[Model, tuple[FittedParameter, ...], float]:
-    from hd_control.analysis.adding import fit_joint
-    from hd_control.analysis.workbench import joint_task
+    from hd_control.lab.models.answers import joint_task
+    from hd_control.lab.models.fit_model import fit_joint
 
     fitted = fit_joint(joint_task(recording, model, joint), model.joint(joint), effect)
     return replace(model, joints={**model.joints, joint: fitted.model}), fitted.parameters, fitted.gain

@@ -10,8 +10,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from hd_control.control.apply_model import Applied, Row
-    from hd_control.nodes.live_apply import LiveNodes
+    from hd_control.laws.from_model import Applied, Row
+    from hd_control.session.live_apply import LiveNodes
 
 NAME = "apply"
 HELP = "write a model into the controllers' parameters: feed-forward, start values, gauge correction"
@@ -87,7 +87,7 @@ def _files(arguments: argparse.Namespace) -> tuple[Applied, list[Path], Said]:
     from pathlib import Path
 
     from hd_control.cli.options import refuse_overwrite
-    from hd_control.core.params_file import with_changes
+    from hd_control.core.parameters import with_changes
     from hd_control.core.resources import find_config
 
     output = Path(arguments.output)
@@ -105,7 +105,7 @@ def _files(arguments: argparse.Namespace) -> tuple[Applied, list[Path], Said]:
 
 def _write(texts: Mapping[Path, str], folder: Path | None) -> None:
     from hd_control.core.errors import ConfigError
-    from hd_control.record.whole_output import whole_file
+    from hd_control.record.bag_folder import whole_file
 
     if folder is not None:
         if folder.exists() and not folder.is_dir():
@@ -117,8 +117,8 @@ def _write(texts: Mapping[Path, str], folder: Path | None) -> None:
 
 
 def _applied(arguments: argparse.Namespace, values: Mapping[str, Any]) -> Applied:
-    from hd_control.control.apply_model import apply_model
-    from hd_control.drive.model_yaml import load_model
+    from hd_control.drive.model_file import load_model
+    from hd_control.laws.from_model import apply_model
 
     ambiguous = ambiguous_names(arguments.diagnosis) if arguments.diagnosis else {}
     return apply_model(load_model(arguments.model), values, arguments.period, arguments.joint, ambiguous)
@@ -126,10 +126,10 @@ def _applied(arguments: argparse.Namespace, values: Mapping[str, Any]) -> Applie
 
 def read_params(sources: list[Path]) -> dict[str, tuple[Path, dict[str, Any]]]:
     """File and complete values by node; what a file leaves out is as shipped. Raises ConfigError."""
+    from hd_control.chain.chain import COMMON, for_joints, shipped_values
     from hd_control.cli._params import node_of
-    from hd_control.control.apply_model import PARAMETERS
     from hd_control.core.errors import ConfigError
-    from hd_control.stages.node_parameters import COMMON, for_joints, shipped_values
+    from hd_control.laws.from_model import PARAMETERS
 
     found: dict[str, tuple[Path, dict[str, Any]]] = {}
     for source in sources:
@@ -166,8 +166,8 @@ def ambiguous_names(path: str) -> dict[str, dict[str, list[str]]]:
 
 def _live(arguments: argparse.Namespace) -> tuple[Applied, list[Path], Said]:
     """Reads the nodes' parameters, applies the model, sets what a running node takes."""
-    from hd_control.control.apply_model import PARAMETERS
-    from hd_control.nodes.live_apply import LiveNodes
+    from hd_control.laws.from_model import PARAMETERS
+    from hd_control.session.live_apply import LiveNodes
 
     with LiveNodes(arguments.namespace, arguments.domain) as nodes:
         applied = _applied(arguments, {node: nodes.values(node, PARAMETERS[node].names) for node in nodes.find()})
@@ -180,8 +180,8 @@ def _live(arguments: argparse.Namespace) -> tuple[Applied, list[Path], Said]:
 
 def _watched(nodes: LiveNodes, applied: Applied, changes: Mapping[str, Mapping[str, Any]], seconds: float) -> Said:
     """Sets the parameters between two measurements of the tracking error; takes them back if it grew."""
-    from hd_control.nodes.tracking_watch import WORSE, growth
-    from hd_control.stages.model_ramp import RAMP_TIME
+    from hd_control.chain.stage import RAMP_TIME
+    from hd_control.session.session_client import WORSE, growth
 
     watch = nodes.watch()
     before = watch.measure(seconds)
@@ -222,7 +222,7 @@ def table(applied: Applied) -> list[str]:
 
 def live_lines(applied: Applied) -> list[str]:
     """What the nodes took, and which effects they take only while inactive."""
-    from hd_control.stages.model_ramp import RAMP_TIME
+    from hd_control.chain.stage import RAMP_TIME
 
     lines = [
         f"set: {node}: {len(applied.changed(node, live=True))} parameters, the model ramps in over {RAMP_TIME:g} s"

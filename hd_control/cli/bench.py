@@ -133,9 +133,9 @@ def _growth(arguments: argparse.Namespace, found: list[Point], notes: list[str])
 
 def _draw(arguments: argparse.Namespace, points: list[dict[str, Any]]) -> None:
     """The curves as a picture."""
-    from hd_control.analysis.pictures import write_figures
-    from hd_control.bench.growth_figure import growth_figure
+    from hd_control.bench.growth import growth_figure
     from hd_control.cli.options import say
+    from hd_control.lab.page.pictures import write_figures
 
     for path in write_figures(arguments.png, {"bench_growth": growth_figure(points)}, arguments.force):
         say(arguments, f"written: {path}")
@@ -143,20 +143,20 @@ def _draw(arguments: argparse.Namespace, points: list[dict[str, Any]]) -> None:
 
 def _groups(arguments: argparse.Namespace) -> dict[str, Callable[[], tuple[list[Result], list[str]]]]:
     """What each group measures: its rows, and remarks."""
-    from hd_control.bench import commands, graph, laws, records, replays, world
+    from hd_control.bench import commands, rows
 
     runs = arguments.runs
     few = max(1, runs // 5)
     return {
-        "plant": lambda: world.plant_rows(runs),
-        "laws": lambda: (laws.law_rows(runs), []),
-        "runner": lambda: (laws.lockstep_row(few), []),
-        "records": lambda: (records.decode_rows(few), []),
-        "replay": lambda: (replays.replay_rows(few), []),
+        "plant": lambda: rows.plant_rows(runs),
+        "laws": lambda: (rows.law_rows(runs), []),
+        "runner": lambda: (rows.lockstep_row(few), []),
+        "records": lambda: (rows.decode_rows(few), []),
+        "replay": lambda: (rows.replay_rows(few), []),
         "workbench": lambda: (commands.workbench_rows(few), []),
-        "start": lambda: (graph.start_rows(runs), []),
-        "lockstep": lambda: (graph.lockstep_rows(few), []),
-        "ring": lambda: (graph.ring_rows(few, arguments.seconds), []),
+        "start": lambda: (rows.start_rows(runs), []),
+        "lockstep": lambda: (rows.lockstep_rows(few), []),
+        "ring": lambda: (rows.ring_rows(few, arguments.seconds), []),
     }
 
 

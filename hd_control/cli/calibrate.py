@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from hd_control.analysis.signals import JointSignals, Recording
     from hd_control.drive.model import Model
-    from hd_control.sensing.calibration import GaugeFit, SlowTurn
-    from hd_control.sensing.gauge_bridge import GaugeModel
+    from hd_control.lab.signals.joint_signals import JointSignals, Recording
+    from hd_control.laws.calibration import GaugeFit, GaugeModel, SlowTurn
 
 NAME = "calibrate"
 HELP = "gauge ripple, gain and offset from a recorded slow turn, written as fusion parameters"
@@ -42,14 +41,14 @@ def run(arguments: argparse.Namespace) -> int:
     """Writes the parameter file; 0 done, 3 if the bag could be read in part only. Refuses a turn that does not tell."""
     from pathlib import Path
 
-    from hd_control.analysis.recording import read_recording
     from hd_control.cli.options import refuse_overwrite, say, write_json
     from hd_control.core.resources import find_config
     from hd_control.core.strict_yaml import load_params_file
-    from hd_control.drive.model_yaml import load_model
-    from hd_control.record.whole_output import whole_file
-    from hd_control.sensing import fusion
-    from hd_control.sensing.calibration import PARTS
+    from hd_control.drive.model_file import load_model
+    from hd_control.lab.signals.recording import read_recording
+    from hd_control.laws import fusion
+    from hd_control.laws.calibration import PARTS
+    from hd_control.record.bag_folder import whole_file
 
     output, source = Path(arguments.output), find_config(arguments.params)
     refuse_overwrite(output, arguments.force)
@@ -90,7 +89,7 @@ def calibrate(
     recording: Recording, model: Model, values: Mapping[str, Any], joint: str, parts: tuple[str, ...]
 ) -> GaugeFit:
     """The gauge parameters of one joint. Raises BagError if the recording does not tell them."""
-    from hd_control.sensing.calibration import fit_gauge
+    from hd_control.laws.calibration import fit_gauge
 
     row = list(values["joint_names"]).index(joint)
     own = {name: value[row] for name, value in values.items() if isinstance(value, list)}
@@ -99,7 +98,7 @@ def calibrate(
 
 def gauge_model(own: Mapping[str, Any]) -> GaugeModel:
     """The present parameters of one joint."""
-    from hd_control.sensing.gauge_bridge import GaugeModel
+    from hd_control.laws.calibration import GaugeModel
 
     return GaugeModel(**{field: float(own[name]) for field, name in FIELDS.items()})
 
@@ -108,10 +107,9 @@ def slow_turn(recording: Recording, model: Model, own: Mapping[str, Any], joint:
     """The columns of one joint without gaps; the gauge angle as the fusion law forms it."""
     import numpy as np
 
-    from hd_control.analysis.slow_turn import link_torque
     from hd_control.core.errors import BagError
-    from hd_control.sensing.calibration import SlowTurn
-    from hd_control.sensing.encoders import unwrap
+    from hd_control.lab.balances.link import link_torque
+    from hd_control.laws.calibration import SlowTurn, unwrap
 
     signals = recording.joints[joint]
     shaft, position, gauge = (
@@ -153,8 +151,8 @@ def with_fits(values: Mapping[str, Any], fits: Mapping[str, GaugeFit]) -> dict[s
 
 def params_text(values: Mapping[str, Any], fits: Mapping[str, GaugeFit], bag: str) -> str:
     """A ROS params file of the fusion node; estimated lists carry their standard errors as a comment."""
-    from hd_control.core.params_file import yaml_value
-    from hd_control.sensing import fusion
+    from hd_control.core.parameters import yaml_value
+    from hd_control.laws import fusion
 
     text = ["/**:", "  ros__parameters:", f"    # Fusion parameters; gauge of {', '.join(fits)} calibrated from {bag}"]
     for parameter in fusion.PARAMETERS.parameters:

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hd_sim.cases import Case
-    from hd_sim.challenge import Challenge
-    from hd_sim.challenge_score import Score
+    from hd_sim.puzzles.draw import Case
+    from hd_sim.puzzles.puzzle import Challenge, Score
 
 NAME = "challenge"
 HELP = "hide an effect, check a diagnosis against the seal, or run a blind campaign"
@@ -67,7 +66,7 @@ def _new(arguments: argparse.Namespace) -> int:
     import secrets
 
     from hd_control.cli.options import refuse_overwrite, say, write_json
-    from hd_sim.challenge import make_arm_challenge, make_challenge
+    from hd_sim.puzzles.puzzle import make_arm_challenge, make_challenge
 
     seed = secrets.randbelow(100_000) if arguments.seed is None else arguments.seed
     case = None if arguments.arm else _case(arguments, seed)
@@ -91,8 +90,8 @@ def _new(arguments: argparse.Namespace) -> int:
 
 def _case(arguments: argparse.Namespace, seed: int) -> Case:
     from hd_control.core.errors import ConfigError
-    from hd_sim.cases import chosen_case, draw_case
-    from hd_sim.random_motion import MOTIONS
+    from hd_sim.puzzles.draw import chosen_case, draw_case
+    from hd_sim.puzzles.random_motion import MOTIONS
 
     motion = arguments.motion or "general"
     if motion not in MOTIONS:
@@ -112,7 +111,7 @@ def _case(arguments: argparse.Namespace, seed: int) -> Case:
 def _old_challenge(folder: Path) -> None:
     """Refuses to replace anything but a challenge."""
     from hd_control.core.errors import ConfigError
-    from hd_sim.challenge import SEAL
+    from hd_sim.puzzles.puzzle import SEAL
 
     if folder.exists() and not (folder / SEAL).is_file():
         raise ConfigError(f"{folder}: is no challenge; --force replaces only a folder with {SEAL}")
@@ -138,9 +137,9 @@ def _remove(folder: Path) -> None:
 def _write_model(made: Challenge) -> None:
     """The data sheet as a model file beside the bags."""
     from hd_control.drive.model import Model
-    from hd_control.drive.model_yaml import save_model
-    from hd_sim.campaign_ask import joint_model
-    from hd_sim.challenge import MODEL, ROBOT
+    from hd_control.drive.model_file import save_model
+    from hd_sim.puzzles.campaign import joint_model
+    from hd_sim.puzzles.puzzle import MODEL, ROBOT
 
     joints = {name: joint_model(model) for name, model in made.models.items()}
     save_model(Model(robot=ROBOT, joints=joints), made.folder / MODEL)
@@ -151,7 +150,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
     from hd_control.cli.options import say, write_json
     from hd_control.core.errors import ConfigError
-    from hd_sim.challenge import check_challenge, is_right
+    from hd_sim.puzzles.puzzle import check_challenge, is_right
 
     try:
         diagnosis = json.loads(Path(arguments.diagnosis).read_bytes())
@@ -195,8 +194,7 @@ def _words(joint: str, score: Score, hidden: Mapping[str, Any], good: bool) -> l
 def _campaign(arguments: argparse.Namespace) -> int:
     from hd_control.cli.options import Progress, say
     from hd_control.core.errors import ConfigError
-    from hd_sim.campaign import Campaign, run_campaign
-    from hd_sim.campaign_ask import ask, oracle
+    from hd_sim.puzzles.campaign import Campaign, ask, oracle, run_campaign
 
     if arguments.n < 1 or arguments.jobs < 1 or arguments.seed < 0:
         raise ConfigError("--n and --jobs must be at least 1, --seed at least 0")
@@ -224,7 +222,7 @@ def _campaign(arguments: argparse.Namespace) -> int:
 def _report(arguments: argparse.Namespace, records: list[dict[str, Any]]) -> None:
     """The tables: all worlds, then those like the library and those of the judge apart."""
     from hd_control.cli.options import say, write_json
-    from hd_sim.campaign_table import confusion, make_table, table_text
+    from hd_sim.puzzles.campaign import confusion, make_table, table_text
 
     parts = {
         "all worlds": records,

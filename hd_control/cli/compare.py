@@ -22,8 +22,8 @@ from hd_control.cli._workbench import (
 )
 
 if TYPE_CHECKING:
-    from hd_control.analysis.signals import Recording
     from hd_control.drive.model import Model
+    from hd_control.lab.signals.joint_signals import Recording
 
 NAME = "compare"
 HELP = "how well a model explains a recording, per joint, channel and operating condition"
@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _compare(recording: Recording, models: dict[str, Model], free_run: bool, joint: str) -> dict[str, Any]:
     """Model path -> its JSON form; all models are judged by the noise that the first one's channels have."""
-    from hd_control.analysis.workbench import compare_joint
+    from hd_control.lab.models.answers import compare_joint
 
     found: dict[str, Any] = {}
     noises = None

@@ -77,8 +77,8 @@ def names() -> dict[str, list[str]]:
     """What options and arguments take, by kind: effects, hidden effects, scenarios, shipped files, nodes."""
     from hd_control.core.resources import config_path
     from hd_control.drive.library import names_that_may_be_missing
-    from hd_control.nodes.run_plan import MODULES
-    from hd_sim.effects import EFFECTS
+    from hd_control.session.session import MODULES
+    from hd_sim.hidden_effects import EFFECTS
     from hd_sim.scenario import SCENARIOS
 
     folders = {"models": "models", "maps": "maps", "plants": "plant", "robots": "robots"}

@@ -24,9 +24,9 @@ from hd_control.cli._workbench import (
 )
 
 if TYPE_CHECKING:
-    from hd_control.analysis.signals import Recording
-    from hd_control.analysis.verdict import JointDiagnosis
     from hd_control.drive.model import Model
+    from hd_control.lab.diagnosis.verdict import JointDiagnosis
+    from hd_control.lab.signals.joint_signals import Recording
 
 NAME = "diagnose"
 HELP = "which physical effect is missing in a model, with evidence; or none; or that the data cannot tell"
@@ -44,8 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Prints the diagnosis; 0 for every verdict, 3 if the bag could be read in part only."""
     one_thread()
-    from hd_control.analysis.verdict import ADEQUATE
     from hd_control.cli.options import say, write_json
+    from hd_control.lab.diagnosis.verdict import ADEQUATE
 
     recording = open_bag(arguments, arguments.bag)
     model = open_model(arguments.model, recording)
@@ -70,14 +70,14 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _diagnose(recording: Recording, model: Model, joint: str) -> JointDiagnosis:
-    from hd_control.analysis.workbench import diagnose_joint
+    from hd_control.lab.models.answers import diagnose_joint
 
     return replace(diagnose_joint(recording, model, joint), fit=None)
 
 
 def lines(joint: str, found: JointDiagnosis) -> Iterator[str]:
     """The diagnosis of one joint as text."""
-    from hd_control.analysis.verdict_words import headline, reasons
+    from hd_control.lab.page.words import headline, reasons
 
     yield f"{joint}: {headline(found)}"
     for text in reasons(found):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hd_control.analysis.signals import Recording
+    from hd_control.lab.signals.joint_signals import Recording
 
 NAME = "export"
 HELP = "a recording's signals as CSV or NPZ; a model's residuals as topics; a model for MuJoCo"
@@ -35,9 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Writes the file; 0 done, 3 if the bag could be read in part only."""
-    from hd_control.analysis.recording import read_recording
     from hd_control.cli.main import UsageError
     from hd_control.cli.options import refuse_overwrite, say, write_json
+    from hd_control.lab.signals.recording import read_recording
 
     output = Path(arguments.output)
     if output.suffix.lower() == ".xml":
@@ -71,8 +71,8 @@ def _mjcf(arguments: argparse.Namespace, output: Path) -> int:
     """Writes a model for MuJoCo and says what it leaves out."""
     from hd_control.cli.options import refuse_overwrite, say, write_json
     from hd_control.drive.mjcf import left_out, mjcf_text
-    from hd_control.drive.model_yaml import load_model
-    from hd_control.record.whole_output import whole_file
+    from hd_control.drive.model_file import load_model
+    from hd_control.record.bag_folder import whole_file
 
     refuse_overwrite(output, arguments.force)
     model = load_model(arguments.bag)
@@ -96,8 +96,8 @@ def _joints_to_read(arguments: argparse.Namespace) -> list[str] | None:
 
 def _table(arguments: argparse.Namespace, recording: Recording) -> list[Path]:
     from hd_control.cli.options import Progress, say
+    from hd_control.record.bag_folder import whole_file
     from hd_control.record.tables import write_csv, write_npz
-    from hd_control.record.whole_output import whole_file
 
     output = Path(arguments.output)
     joints = list(recording.joints.values())
@@ -121,7 +121,7 @@ def _arrays(recording: Recording) -> dict[str, Any]:
     """`time` (n,), `joints` (names), each signal (n, joints) with NaN where a joint lacks it."""
     import numpy as np
 
-    from hd_control.analysis.signals import SIGNALS
+    from hd_control.lab.signals.joint_signals import SIGNALS
 
     joints = list(recording.joints.values())
     missing = np.full(joints[0].time.size, np.nan)
@@ -134,11 +134,11 @@ def _arrays(recording: Recording) -> dict[str, Any]:
 
 
 def _residuals(arguments: argparse.Namespace, recording: Recording) -> list[Path]:
-    from hd_control.analysis.residual_series import channel_rows, residual_pages, residual_series
     from hd_control.cli.options import refuse_overwrite, say, track
     from hd_control.core.errors import BagError
-    from hd_control.drive.model_yaml import load_model
-    from hd_control.record.series import layout_paths, write_layouts, write_series_bag
+    from hd_control.drive.model_file import load_model
+    from hd_control.lab.models.answers import channel_rows, residual_pages, residual_series
+    from hd_control.record.tables import layout_paths, write_layouts, write_series_bag
 
     output = Path(arguments.output)
     for path in layout_paths(output):

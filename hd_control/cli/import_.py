@@ -21,11 +21,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Writes the bag; 0 done, 3 if rows had to be dropped."""
-    from hd_control.analysis.import_table import import_table
-    from hd_control.analysis.mapping import load_mapping
     from hd_control.cli.options import refuse_overwrite, say, write_json
     from hd_control.core.robot import Robot
-    from hd_control.record.whole_output import whole_bag
+    from hd_control.lab.signals.import_table import import_table
+    from hd_control.lab.signals.sources import load_mapping
+    from hd_control.record.bag_folder import whole_bag
 
     refuse_overwrite(arguments.output, arguments.force)
     mapping = load_mapping(arguments.map) if arguments.map else None

@@ -60,7 +60,7 @@ def lines(document: dict[str, Any]) -> Iterator[str]:
 
 def _tracking(bag: str) -> dict[str, dict[str, float]]:
     """Errors in rad by joint. Raises BagError if reference or measurement was not recorded."""
-    from hd_control.analysis.tracking import tracking_of
+    from hd_control.lab.signals.tracking import tracking_of
     from hd_control.record.reader import BagReader
 
     with BagReader(bag) as reader:

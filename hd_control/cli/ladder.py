@@ -24,9 +24,9 @@ from hd_control.cli._workbench import (
 )
 
 if TYPE_CHECKING:
-    from hd_control.analysis.ladder import JointLadder, Split
-    from hd_control.analysis.signals import Recording
     from hd_control.drive.model import Model
+    from hd_control.lab.models.ladder import JointLadder, Split
+    from hd_control.lab.signals.joint_signals import Recording
 
 NAME = "ladder"
 HELP = "diagnose and add in a loop; the error ladder on data that were not used for fitting"
@@ -46,9 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Prints the ladder; 0 done, 3 if a bag could be read in part only."""
     one_thread()
-    from hd_control.analysis.ladder import Split, split_recording
     from hd_control.cli.main import UsageError
     from hd_control.cli.options import refuse_overwrite, say, write_json
+    from hd_control.lab.models.ladder import Split, split_recording
 
     if arguments.limit < 1:
         raise UsageError(f"ladder: --limit {arguments.limit} must be at least 1")
@@ -80,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _climb(split: Split, model: Model, limit: int, joint: str) -> JointLadder:
-    from hd_control.analysis.ladder import climb
+    from hd_control.lab.models.ladder import climb
 
     ladder = climb(split, model, joint, limit)
     diagnosis = None if ladder.diagnosis is None else replace(ladder.diagnosis, fit=None)
@@ -89,7 +89,7 @@ def _climb(split: Split, model: Model, limit: int, joint: str) -> JointLadder:
 
 def _save(arguments: argparse.Namespace, model: Model, recordings: list[Recording], joints: list[str]) -> None:
     from hd_control.cli.options import say
-    from hd_control.drive.model_yaml import save_model
+    from hd_control.drive.model_file import save_model
 
     words = ["ladder", name_of(arguments.bag), "--model", name_of(arguments.model)]
     words += ["--held-out", name_of(arguments.held_out)] if arguments.held_out else []

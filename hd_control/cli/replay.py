@@ -6,8 +6,7 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hd_control.stages.replay import Difference, Replayed
-    from hd_control.stages.replay_bag import ReplayBag
+    from hd_control.chain.replay import Difference, ReplayBag, Replayed
 
 NAME = "replay"
 HELP = "recorded sensors through the chain again: what changed, what would have been commanded"
@@ -44,10 +43,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """0: the recorded numbers, or what was asked for; 1: unchanged parameters give other numbers; 3: partly read."""
+    from hd_control.chain.replay import differences, read_replay_bag, replay
     from hd_control.cli.options import Progress, refuse_overwrite, say, write_json
     from hd_control.core.robot import Robot
-    from hd_control.stages.replay import differences, replay
-    from hd_control.stages.replay_bag import read_replay_bag
 
     if arguments.live:
         return _live(arguments)
@@ -77,13 +75,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 def chosen_values(arguments: argparse.Namespace, bag: ReplayBag) -> tuple[dict[str, Any], dict[str, Any]]:
     """Values by node, and those that are not the recording's. Raises ConfigError."""
+    from hd_control.chain.chain import LAWS
+    from hd_control.chain.replay import complete_values
     from hd_control.cli._params import node_of
     from hd_control.cli.simulate import parameter_values
-    from hd_control.control.apply_model import PARAMETERS, apply_model
     from hd_control.core.resources import find_config
-    from hd_control.drive.model_yaml import load_model
-    from hd_control.stages.chain_stages import LAWS
-    from hd_control.stages.replay import complete_values
+    from hd_control.drive.model_file import load_model
+    from hd_control.laws.from_model import PARAMETERS, apply_model
 
     known = {node: law.PARAMETERS for node, law in LAWS.items()}
     changes: dict[str, dict[str, Any]] = {}
@@ -149,10 +147,10 @@ def as_json(bag: ReplayBag, made: Replayed, found: list[Difference], changed: di
 
 def _write(arguments: argparse.Namespace, bag: ReplayBag, made: Replayed, values: dict[str, Any]) -> None:
     """Sensors and goals as recorded and outputs of the replay as a bag, with the parameters."""
-    from hd_control.core.params_file import params_text
+    from hd_control.core import topics
+    from hd_control.core.parameters import params_text
     from hd_control.record.schema import joint_state_codec
     from hd_control.record.writer import BagWriter
-    from hd_control.stages import topics
 
     stamps, run_id = bag.ticks * round(bag.period * 1e9), "replay_000000000"
     notes = {"period": repr(bag.period), "replay_of": bag.path}
@@ -174,10 +172,9 @@ def _page(
     """The outputs that differ, replayed beside recorded, as one self-contained page."""
     from html import escape
 
-    from hd_control.analysis.figures_replay import UNITS, replay_figure
-    from hd_control.analysis.report import html_page
-    from hd_control.analysis.report_html import Figures, card, paragraph
-    from hd_control.record.whole_output import whole_file
+    from hd_control.lab.page.model_figures import UNITS, replay_figure
+    from hd_control.lab.page.page import Figures, card, html_page, paragraph
+    from hd_control.record.bag_folder import whole_file
 
     figures, time = Figures(), (bag.ticks - bag.ticks[0]) * bag.period
     pieces = [card(f"<pre>{escape(chr(10).join(lines(bag, made, found, changed)))}</pre>")]
@@ -193,11 +190,11 @@ def _page(
 
 def _live(arguments: argparse.Namespace) -> int:
     """Publishes the recorded sensor messages; 1 if the chain did not answer a stepped replay."""
+    from hd_control.chain.replay import read_replay_bag
     from hd_control.cli.main import UsageError
     from hd_control.cli.options import Progress, say, write_json
     from hd_control.core.robot import Robot
-    from hd_control.nodes.replay_publisher import ReplayPublisher
-    from hd_control.stages.replay_bag import read_replay_bag
+    from hd_control.session.replay_publisher import ReplayPublisher
 
     if not arguments.rate > 0.0:
         raise UsageError(f"replay: --rate {arguments.rate:g} must be above 0")

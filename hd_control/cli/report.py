@@ -20,10 +20,10 @@ from hd_control.cli._workbench import (
 )
 
 if TYPE_CHECKING:
-    from hd_control.analysis.ladder import Split
-    from hd_control.analysis.report_data import JointPage
-    from hd_control.analysis.signals import Recording
     from hd_control.drive.model import Model
+    from hd_control.lab.models.ladder import Split
+    from hd_control.lab.page.page_data import JointPage
+    from hd_control.lab.signals.joint_signals import Recording
 
 NAME = "report"
 HELP = "one self-contained page: verdict in plain words, pictures, ladder, parameters"
@@ -45,12 +45,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Writes the page; 0 done, 3 if a bag could be read in part only."""
     one_thread()
-    from hd_control.analysis.ladder import Split, split_recording
-    from hd_control.analysis.pictures import write_pictures
-    from hd_control.analysis.report import write_report
-    from hd_control.analysis.report_data import ReportPage
     from hd_control.cli.main import UsageError
     from hd_control.cli.options import refuse_overwrite, say, write_json
+    from hd_control.lab.models.ladder import Split, split_recording
+    from hd_control.lab.page.page import write_report
+    from hd_control.lab.page.page_data import ReportPage
+    from hd_control.lab.page.pictures import write_pictures
 
     if not arguments.output.lower().endswith((".html", ".htm")):
         raise UsageError(f"report: {arguments.output}: the name must end in .html")
@@ -80,11 +80,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _page(recording: Recording, models: dict[str, Model], split: Split | None, joint: str) -> JointPage:
     """The page of one joint: every model compared, the first one diagnosed and climbed."""
-    from hd_control.analysis.figures_ladder import HorizonCurve, Rung
-    from hd_control.analysis.ladder import climb
-    from hd_control.analysis.report_data import Ladder, joint_page
-    from hd_control.analysis.workbench import compare_joint, diagnose_joint
     from hd_control.drive.effect import UNITS
+    from hd_control.lab.models.answers import compare_joint, diagnose_joint
+    from hd_control.lab.models.ladder import climb
+    from hd_control.lab.page.model_figures import HorizonCurve, Rung
+    from hd_control.lab.page.page_data import Ladder, joint_page
 
     comparisons, noises = {}, None
     curves: dict[str, tuple[HorizonCurve, ...]] = {}

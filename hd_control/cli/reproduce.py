@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from hd_control.cli.options import Progress
-    from hd_control.reproduce.rows import Progress as Told
+    from hd_control.papers.rows import Progress as Told
 
 NAME = "reproduce"
 HELP = "the papers' tables and figures, side by side with ours"
@@ -31,8 +31,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     from hd_control.cli.options import refuse_overwrite, say, write_json
     from hd_control.core.errors import ConfigError, HdError
-    from hd_control.reproduce import rows as papers
-    from hd_control.reproduce.report import summary, write_report
+    from hd_control.papers import rows as papers
+    from hd_control.papers.report import summary, write_report
 
     if arguments.seeds < 1 or arguments.seed < 0:
         raise ConfigError(f"--seed {arguments.seed}, --seeds {arguments.seeds}: at least 0 and 1")

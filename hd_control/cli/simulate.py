@@ -170,9 +170,9 @@ def hidden_effects(texts: list[str], joint_names: tuple[str, ...]) -> list[Hidde
 
 def parameter_values(texts: list[str]) -> dict[str, dict[str, Any]]:
     """`NODE.PARAM=VALUE` as values by node. Raises ConfigError."""
+    from hd_control.chain.chain import LAWS
     from hd_control.core.errors import ConfigError
     from hd_control.core.strict_yaml import parse_yaml
-    from hd_control.stages.chain_stages import LAWS
 
     found: dict[str, dict[str, Any]] = {}
     for text in texts:

@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Runs until Ctrl-C, a node's end or the given number of ticks; 1 if a node failed."""
     from hd_control.cli.options import say
     from hd_control.core.errors import HdError
-    from hd_control.nodes.session import Session
+    from hd_control.session.session import Session
 
     plan = make_plan(arguments)
     say(
@@ -60,7 +60,7 @@ def make_plan(arguments: argparse.Namespace):  # type: ignore[no-untyped-def]
     from pathlib import Path
 
     from hd_control.core.robot import Robot
-    from hd_control.nodes.run_plan import FOUR, RunPlan
+    from hd_control.session.session import FOUR, RunPlan
 
     files: dict[str, tuple[Path, ...]] = {}
     for node, path in arguments.params:

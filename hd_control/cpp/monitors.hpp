@@ -1,7 +1,7 @@
 // Arithmetic of the sensor monitors and the guard's look at an ordinary sample, for all joints in one call.
 //
-// Each function answers `true` when there is nothing to report. Python (hd_control/sensing/sensor_monitors.py,
-// stuck_monitor.py, hd_control/control/guard.py) says what the numbers mean, and judges every sample that is not
+// Each function answers `true` when there is nothing to report. Python (hd_control/safety/sensor_monitors.py,
+// stuck_monitor.py, hd_control/safety/guard.py) says what the numbers mean, and judges every sample that is not
 // ordinary. Comparisons are written so that a NaN is never ordinary.
 #pragma once
 

@@ -110,7 +110,7 @@ Spline spline_of(const Array& knots, const Array& coefficients, int joints) {
 }  // namespace
 
 PYBIND11_MODULE(_motion, module) {
-    module.doc() = "Compiled motion laws, rigid-body torque and splines; see hd_control.control.motion.";
+    module.doc() = "Compiled motion laws, rigid-body torque and splines; see hd_control.laws.motion.";
     py::dict blocks;
     blocks["MotionParams"] = field_list<MotionParams>();
     blocks["MotionState"] = field_list<MotionState>();

@@ -1,4 +1,4 @@
-// Compiled twin of hd_control/control/safety_gate.py: the same comparisons in the same order, bit for bit.
+// Compiled twin of hd_control/safety/gate.py: the same comparisons in the same order, bit for bit.
 // The Python text is the reference; read that one to know what the gate does and why.
 #pragma once
 

@@ -1,4 +1,4 @@
-// Adaptive joint torque control. Zhu, section III, with the corrections of the equation sheet.
+// Adaptive joint torque control. Zhu, section III, corrected: docs/equations/adaptive_torque_law.md (D1)-(D11).
 //
 //   code                                  paper       code                             paper
 //   joint_torque, joint_torque_required   tau, tau_r  desired_torsion                  y = F zeta^ tau_r   Zhu (5)
@@ -28,7 +28,7 @@ enum RateSource { kPlain = 0, kErrorFilter = 1 };
 
 inline double sign(double x) { return x > 0.0 ? 1.0 : (x < 0.0 ? -1.0 : 0.0); }
 
-// The law for one joint and one sample, in the order of the equation sheet, 3.2.
+// The law for one joint and one sample, in the order of docs/equations/adaptive_torque_law.md.
 struct TorqueStep {
     const TorqueParams& p;
     const TorqueSample& in;
@@ -83,7 +83,7 @@ struct TorqueStep {
         out.required_torque_rate[j] = D(ref.joint_torque_required[j], m.required_torque_last, m.required_torque_rate);
     }
 
-    // 3. y, y', y'' of the wanted torsion, three ways (equation sheet 3.3).
+    // 3. y, y', y'' of the wanted torsion, three ways: docs/equations/adaptive_torque_law.md (D2).
     void torsion() {
         const double zeta = m.torsional_compliance, zeta_rate = (zeta - m.torsional_compliance_last) / T;
         const double tau_r = ref.joint_torque_required[j], d = p.damping_time[j];

@@ -57,8 +57,8 @@ def held(signal: FloatArray) -> FloatArray:
 def approach_step(level: Any, change: Any, rate: float, stiffening: float = 0.0) -> FloatArray:
     """H after its driving variable moved by `change` from where it was `level`; numbers or arrays.
 
-    dH/dx = rate (s - H) / (1 + stiffening (1 - s H)), s the sign of dx, |H| <= 1, exact for a monotone change of any
-    size. Without stiffening: hysteresis and bristle over their travel, docs/equations/transmission.md (T7) and
+    dH/d|x| = rate (s - H) / (1 + stiffening (1 - s H)), s the sign of dx, |H| <= 1, exact for a monotone change of
+    any size. Without stiffening: hysteresis and bristle over their travel, docs/equations/transmission.md (T7) and
     docs/equations/friction.md (F12). With it: hysteresis over the torque, stiffening = A/k,
     docs/equations/transmission.md (T9).
     """

@@ -9,22 +9,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from hd_control.control import motion, torque
+from hd_control.chain.black_box import BlackBox
+from hd_control.chain.chain import CHAIN_PARTS
+from hd_control.chain.fusion_stage import FusionStage
+from hd_control.chain.motion_stage import MotionStage
+from hd_control.chain.stage import Bus, Stage
+from hd_control.chain.torque_stage import TorqueStage
 from hd_control.core.parameters import Change, Parameter, ParameterSet
-from hd_control.nodes.black_box_desk import BLACK_BOX, serve_black_box
-from hd_control.nodes.goal_desk import GoalDesk
-from hd_control.nodes.mode_topic import ModePublisher
-from hd_control.nodes.reset_service import serve_reset
+from hd_control.laws import fusion, motion, torque
+from hd_control.nodes.goals import GoalDesk, serve_trajectory_action
 from hd_control.nodes.stage_shell import StageShell, own_values, prefixed
-from hd_control.nodes.trajectory_action import serve_trajectory_action
-from hd_control.sensing import fusion
-from hd_control.stages.black_box import BlackBox
-from hd_control.stages.fusion_stage import FusionStage
-from hd_control.stages.gate_values import LIMITS, safety_limits
-from hd_control.stages.motion_stage import MotionStage
-from hd_control.stages.node_parameters import CHAIN_PARTS
-from hd_control.stages.stage import Bus, Stage
-from hd_control.stages.torque_stage import TorqueStage
+from hd_control.nodes.stop_services import BLACK_BOX, ModePublisher, serve_black_box, serve_reset
+from hd_control.safety.limits import LIMITS, safety_limits
 
 LAWS = {"fusion": fusion, "motion": motion, "torque": torque}
 WITH_PLANT = Parameter("with_plant", "run the simulated plant in the same thread", kind=bool, change=Change.FIXED)

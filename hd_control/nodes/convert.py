@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from hd_control.control.goal_check import goal_from_points
-from hd_control.control.trajectory import Goal
+from hd_control.laws.goals import goal_from_points
+from hd_control.laws.trajectory import Goal
 
 if TYPE_CHECKING:
     from builtin_interfaces.msg import Time

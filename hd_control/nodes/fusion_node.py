@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from typing import Any
 
+from hd_control.chain.fusion_stage import FusionStage
+from hd_control.chain.stage import Stage
 from hd_control.core.parameters import ParameterSet
+from hd_control.laws import fusion
 from hd_control.nodes.process import run_node
 from hd_control.nodes.stage_shell import StageShell
-from hd_control.sensing import fusion
-from hd_control.stages.fusion_stage import FusionStage
-from hd_control.stages.gate_values import LIMITS, safety_limits
-from hd_control.stages.stage import Stage
+from hd_control.safety.limits import LIMITS, safety_limits
 
 
 class FusionNode(StageShell):

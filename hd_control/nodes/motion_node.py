@@ -11,15 +11,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from hd_control.control import motion
-from hd_control.nodes.goal_desk import GoalDesk
-from hd_control.nodes.mode_topic import ModeInput
+from hd_control.chain.motion_stage import MotionStage
+from hd_control.chain.stage import Stage
+from hd_control.laws import motion
+from hd_control.nodes.goals import GoalDesk, serve_trajectory_action
 from hd_control.nodes.process import run_node
-from hd_control.nodes.reset_service import serve_reset
 from hd_control.nodes.stage_shell import StageShell
-from hd_control.nodes.trajectory_action import serve_trajectory_action
-from hd_control.stages.motion_stage import MotionStage
-from hd_control.stages.stage import Stage
+from hd_control.nodes.stop_services import ModeInput, serve_reset
 
 
 class MotionNode(StageShell):

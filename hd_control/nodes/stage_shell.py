@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from sensor_msgs.msg import JointState
 
+from hd_control.chain.stage import Bus, Stage
+from hd_control.core import topics
 from hd_control.core.arrays import FloatArray
 from hd_control.core.parameters import ParameterSet
-from hd_control.nodes.fast_messages import make_message
-from hd_control.nodes.lifecycle_shell import OK, Introspection, Shell
-from hd_control.nodes.ros_loop import JoinedTurn, RawInput, TemperatureInput, chain_qos, wait_matched
-from hd_control.stages import topics
-from hd_control.stages.stage import Bus, Stage
+from hd_control.nodes.fast_loop import JoinedTurn, RawInput, TemperatureInput, chain_qos, make_message, wait_matched
+from hd_control.nodes.shell import OK, Introspection, Shell
+from hd_control.record.schema import joint_state_codec
 
 
 class Output:
@@ -28,7 +28,7 @@ class Output:
     ) -> None:
         self.publisher = node.create_publisher(JointState, topic, chain_qos(node.values["publisher_depth"]))
         self._publish = self.publisher.handle.publish_raw
-        codec = topics.joint_state_codec(topic, joint_names)
+        codec = joint_state_codec(topic, joint_names)
         self._encode = make_message(codec, node.run_id, places).encode
 
     def publish(self, stamp_ns: int, numbers: FloatArray) -> None:

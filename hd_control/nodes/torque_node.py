@@ -10,16 +10,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from hd_control.control import torque
+from hd_control.chain.stage import Bus, Stage
+from hd_control.chain.torque_stage import TorqueStage
 from hd_control.core.parameters import ParameterSet
-from hd_control.nodes.black_box_desk import BLACK_BOX, serve_black_box
-from hd_control.nodes.mode_topic import ModePublisher
+from hd_control.laws import torque
 from hd_control.nodes.process import run_node
-from hd_control.nodes.reset_service import serve_reset
 from hd_control.nodes.stage_shell import StageShell
-from hd_control.stages.gate_values import LIMITS, safety_limits
-from hd_control.stages.stage import Bus, Stage
-from hd_control.stages.torque_stage import TorqueStage
+from hd_control.nodes.stop_services import BLACK_BOX, ModePublisher, serve_black_box, serve_reset
+from hd_control.safety.limits import LIMITS, safety_limits
 
 
 class TorqueNode(StageShell):

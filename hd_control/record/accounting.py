@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from hd_control.core.arrays import IntArray
-from hd_control.record.cdr import CLOCK
-from hd_control.record.fixed_cdr import Buffer
-from hd_control.record.schema import HEADER_FIRST
+from hd_control.core.topics import HEADER_FIRST
+from hd_control.record.cdr import CLOCK, Buffer
 
 _HEADER = struct.Struct("<iII")
 MAX_FRAME_ID = 1024

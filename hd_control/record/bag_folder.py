@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import errno
+import os
 import shutil
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime, timezone
 from pathlib import Path
+from typing import Any
 
-from hd_control.core.errors import BagError
+from hd_control.core.errors import BagError, ConfigError
 
 FLOOR_BYTES, FLOOR_SHARE = 1 << 30, 0.05
 
@@ -74,3 +81,201 @@ def _remove_bag(path: Path) -> None:
             path.rmdir()
     except OSError as error:
         raise write_error(path, error) from None
+
+
+# ----------------------------------------------------------------------------------------------------
+# metadata.yaml of a rosbag2 directory, version 9: written and read.
+
+
+VERSION = 9
+FILE_NAME = "metadata.yaml"
+_FOREVER = {"sec": 9223372036, "nsec": 854775807}
+
+
+@dataclass(frozen=True)
+class TopicEntry:
+    """One topic of metadata.yaml."""
+
+    name: str
+    type_name: str
+    type_hash: str
+    message_count: int
+    latched: bool = False
+
+
+def qos_profile(latched: bool) -> dict[str, Any]:
+    """The QoS a recorded topic was offered with, in rosbag2's words."""
+    return {
+        "history": "keep_last",
+        "depth": 1,
+        "reliability": "reliable",
+        "durability": "transient_local" if latched else "volatile",
+        "deadline": dict(_FOREVER),
+        "lifespan": dict(_FOREVER),
+        "liveliness": "automatic",
+        "liveliness_lease_duration": dict(_FOREVER),
+        "avoid_ros_namespace_conventions": False,
+    }
+
+
+def dump(data: Any) -> str:
+    """YAML without anchors, keys in the given order."""
+    import yaml
+
+    class Plain(yaml.SafeDumper):  # type: ignore[misc]
+        def ignore_aliases(self, data: Any) -> bool:
+            return True
+
+    return str(yaml.dump(data, Dumper=Plain, sort_keys=False, allow_unicode=True))
+
+
+def document(
+    file_name: str, topics: Sequence[TopicEntry], first_ns: int, last_ns: int, custom_data: Mapping[str, str]
+) -> dict[str, Any]:
+    """The content of `rosbag2_bagfile_information` for a bag of one MCAP file."""
+    count = sum(topic.message_count for topic in topics)
+    start, duration = {"nanoseconds_since_epoch": first_ns}, {"nanoseconds": last_ns - first_ns}
+    return {
+        "version": VERSION,
+        "storage_identifier": "mcap",
+        "duration": duration,
+        "starting_time": start,
+        "message_count": count,
+        "topics_with_message_count": [
+            {
+                "topic_metadata": {
+                    "name": topic.name,
+                    "type": topic.type_name,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": [qos_profile(topic.latched)],
+                    "type_description_hash": topic.type_hash,
+                },
+                "message_count": topic.message_count,
+            }
+            for topic in topics
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [file_name],
+        "files": [{"path": file_name, "starting_time": start, "duration": duration, "message_count": count}],
+        "custom_data": dict(custom_data),
+        "ros_distro": "jazzy",
+    }
+
+
+def save(folder: Path, info: Mapping[str, Any]) -> None:
+    """Writes metadata.yaml beside itself and renames it. OSError passes through."""
+    temporary = folder / (FILE_NAME + ".tmp")
+    temporary.write_text(dump({"rosbag2_bagfile_information": dict(info)}), "utf-8")
+    temporary.replace(folder / FILE_NAME)
+
+
+@dataclass(frozen=True)
+class BagIndex:
+    """What metadata.yaml says about a bag: its files, counts by topic, custom texts, storage."""
+
+    files: tuple[str, ...]
+    counts: Mapping[str, int]
+    custom_data: Mapping[str, str]
+    storage: str
+
+
+def load(path: Path) -> BagIndex:
+    """Reads metadata.yaml. Raises ConfigError for anything that is not one; trusts no path in it (names only)."""
+    from hd_control.core.strict_yaml import load_yaml
+
+    data = load_yaml(path)
+    try:
+        info = data["rosbag2_bagfile_information"]
+        files = tuple(Path(str(name)).name for name in info["relative_file_paths"])
+        counts: dict[str, int] = {}
+        for entry in info["topics_with_message_count"]:
+            name = str(entry["topic_metadata"]["name"])
+            counts[name] = counts.get(name, 0) + int(entry["message_count"])
+        custom = {str(key): str(value) for key, value in (info.get("custom_data") or {}).items()}
+        return BagIndex(files, counts, custom, str(info["storage_identifier"]))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ConfigError(f"{path}: not a rosbag2 metadata file ({type(error).__name__}: {error})") from None
+
+
+# ----------------------------------------------------------------------------------------------------
+# Which software made a recording: version and commit, read without running anything.
+
+
+def software_version() -> str:
+    """The installed version of hd_control; `unknown` in a checkout that was never installed."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("hd_control")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def git_commit() -> str:
+    """The commit of the checkout that this file belongs to; empty when it is not one."""
+    folder = Path(__file__).resolve().parents[2] / ".git"
+    try:
+        head = (folder / "HEAD").read_text().strip()
+        if not head.startswith("ref: "):
+            return head
+        name = head.removeprefix("ref: ")
+        if (folder / name).is_file():
+            return (folder / name).read_text().strip()
+        packed = (line.split() for line in (folder / "packed-refs").read_text().splitlines())
+        return next((line[0] for line in packed if line[1:] == [name]), "")
+    except OSError:
+        return ""
+
+
+def now_utc() -> str:
+    """The present time as ISO 8601 text in UTC."""
+    return datetime.now(timezone.utc).isoformat(timespec="milliseconds")
+
+
+def provenance(start_time_utc: str | None = None) -> dict[str, str]:
+    """What every recording carries: `software_version`, `git_commit`, `start_time_utc` (given, or now)."""
+    return {
+        "software": "hd_control",
+        "software_version": software_version(),
+        "git_commit": git_commit(),
+        "start_time_utc": now_utc() if start_time_utc is None else start_time_utc,
+    }
+
+
+# ----------------------------------------------------------------------------------------------------
+# Outputs that appear whole or not at all: written beside their place, moved there when they are complete.
+
+
+@contextmanager
+def whole_bag(path: str | Path, force: bool = False) -> Iterator[Path]:
+    """Gives the path to write a bag to; at the end of the block the bag is at `path`, after an exception nothing is.
+
+    Raises BagError if `path` exists (with `force`: if what is there is no bag).
+    """
+    path = Path(path)
+    with _beside(path) as folder:
+        yield folder / path.name
+        make_folder(path, force)
+        os.replace(folder / path.name, path)
+
+
+@contextmanager
+def whole_file(path: str | Path) -> Iterator[Path]:
+    """Gives the path to write a file to; at the end of the block it replaces `path`, after an exception it is gone."""
+    path = Path(path)
+    with _beside(path) as folder:
+        yield folder / path.name
+        os.replace(folder / path.name, path)
+
+
+@contextmanager
+def _beside(path: Path) -> Iterator[Path]:
+    try:
+        folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".partial", dir=path.parent))
+    except OSError as error:
+        raise write_error(path, error) from None
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)

@@ -2,14 +2,76 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hd_control import _records
 from hd_control.core.arrays import IntArray
-from hd_control.record.fixed_cdr import Buffer
-from hd_control.record.problems import RECORD_CAP
+from hd_control.record.cdr import Buffer
+
+# ----------------------------------------------------------------------------------------------------
+# What is missing or doubtful in a recording, as values.
+
+
+RECORD_CAP = 64 << 20
+EXPANSION_CAP = 1000
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One finding. `loses_data` is False for notices: nothing is known to be missing because of it."""
+
+    text: str
+    file: str = ""
+    offset: int = -1
+    loses_data: bool = True
+
+    def __str__(self) -> str:
+        place = f" at byte {self.offset}" if self.offset >= 0 else ""
+        return f"{self.file}{place}: {self.text}" if self.file else self.text
+
+
+# ----------------------------------------------------------------------------------------------------
+# Holes in the stamps of a topic, stream by stream.
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Missing samples of a topic: the stamps around them [ns] and how many are missing."""
+
+    from_ns: int
+    to_ns: int
+    missing: int
+
+
+def streams_of(frame_ids: NDArray[Any] | None) -> list[Any]:
+    """Indexes of each stream: one per frame_id if several are mixed (temperatures, two runs), else all messages.
+
+    `frame_ids` are (n,), texts or numbers that stand for them.
+    """
+    if frame_ids is None:
+        return [slice(None)]
+    keys, inverse = np.unique(frame_ids, return_inverse=True)
+    return [slice(None)] if len(keys) < 2 else [np.flatnonzero(inverse == k) for k in range(len(keys))]
+
+
+def find_gaps(stamps_ns: IntArray, streams: Sequence[Any], period_ns: int) -> list[Gap]:
+    """The holes in stamps (n,) whose samples are `period_ns` apart within each stream, in order of time."""
+    found = []
+    for stream in streams:
+        stamps = stamps_ns[stream]
+        for i in np.flatnonzero(np.diff(stamps) >= (3 * period_ns + 1) // 2):  # nearest number of periods: 2 or more
+            start, end = int(stamps[i]), int(stamps[i + 1])
+            found.append(Gap(start, end, (2 * (end - start) + period_ns) // (2 * period_ns) - 1))
+    return sorted(found, key=lambda gap: gap.from_ns)
+
+
+# ----------------------------------------------------------------------------------------------------
+
 
 BLOCK_MESSAGES = 1 << 16
 """A block has at most so many messages, whatever the file says."""

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from hd_control import _records
 from hd_control.core.arrays import FloatArray, IntArray
+from hd_control.core.topics import VALUES_TYPE
 from hd_control.record.block import Block
-from hd_control.record.cdr import VALUES, JointStateCodec, TemperatureCodec, codec_of
-from hd_control.record.fixed_cdr import SURPLUS, FixedCodec, MessageColumns
+from hd_control.record.cdr import SURPLUS, FixedCodec, JointStateCodec, MessageColumns, TemperatureCodec, codec_of
 
 MAX_LAYOUTS = 64
 
@@ -93,9 +93,10 @@ def decode(topic: str, type_name: str, blocks: Iterable[Block]) -> Columns | Non
 
 def has_fixed_layout(type_name: str) -> bool:
     """True if messages of this type can be decoded as columns."""
-    from hd_control.record.cdr import CLOCK, JOINT_STATE, NUMBER, TEMPERATURE
+    from hd_control.core.topics import JOINT_STATE_TYPE, TEMPERATURE_TYPE
+    from hd_control.record.cdr import CLOCK, NUMBER
 
-    return type_name in (JOINT_STATE, TEMPERATURE, VALUES, NUMBER, CLOCK)
+    return type_name in (JOINT_STATE_TYPE, TEMPERATURE_TYPE, VALUES_TYPE, NUMBER, CLOCK)
 
 
 def _layouts(type_name: str, block: Block, codec: FixedCodec | None) -> Iterator[tuple[FixedCodec, IntArray]]:

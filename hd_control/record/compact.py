@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from hd_control.core.errors import BagError
-from hd_control.record.block_records import block_records
-from hd_control.record.mcap_file import McapFile
-from hd_control.record.mcap_source import McapSource
+from hd_control.record.mcap_read import McapSource
+from hd_control.record.mcap_write import McapFile, block_records
 
 Digests = dict[int, Any]
 

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from hd_control.core.errors import BagError
-from hd_control.record.block import Block
-from hd_control.record.problems import Problem
+from hd_control.record.block import Block, Problem
 
 BLOCK_MESSAGES = 1 << 14
 

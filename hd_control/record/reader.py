@@ -17,15 +17,13 @@ from pathlib import Path
 from typing import Any
 
 from hd_control.core.errors import BagError, ConfigError
-from hd_control.record import metadata_yaml
-from hd_control.record.block import Block
+from hd_control.core.topics import base_name
+from hd_control.record import bag_folder
+from hd_control.record.block import Block, Gap, Problem, find_gaps, streams_of
 from hd_control.record.cdr import typestore
 from hd_control.record.columns import Columns, decode
 from hd_control.record.db3_source import Db3Source
-from hd_control.record.gaps import Gap, find_gaps, streams_of
-from hd_control.record.mcap_source import McapSource
-from hd_control.record.problems import Problem
-from hd_control.record.schema import base_name
+from hd_control.record.mcap_read import McapSource
 from hd_control.record.writer import ACCOUNTING, RECOVERY
 
 Source = McapSource | Db3Source
@@ -261,7 +259,7 @@ def _open_source(path: Path) -> Source:
     return Db3Source(path) if path.suffix == ".db3" else McapSource(path)
 
 
-def _files_of(path: Path, problems: list[Problem]) -> tuple[list[Path], metadata_yaml.BagIndex | None]:
+def _files_of(path: Path, problems: list[Problem]) -> tuple[list[Path], bag_folder.BagIndex | None]:
     """The storage files of a bag and what its metadata.yaml says."""
     if not path.exists():
         raise BagError(f"{path}: no such bag; check the path")
@@ -271,7 +269,7 @@ def _files_of(path: Path, problems: list[Problem]) -> tuple[list[Path], metadata
     if not present:
         raise BagError(f"{path}: no .mcap or .db3 file in this folder; give the folder of a bag")
     try:
-        index = metadata_yaml.load(path / metadata_yaml.FILE_NAME)
+        index = bag_folder.load(path / bag_folder.FILE_NAME)
     except ConfigError as error:
         problems.append(Problem(f"no usable metadata.yaml, the files are read directly ({error})"))
         return present, None

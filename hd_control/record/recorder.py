@@ -11,6 +11,7 @@ Every sample that was published is written or counted as dropped: by transport (
 
 from __future__ import annotations
 
+import os
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -20,12 +21,46 @@ from operator import itemgetter
 from typing import Any
 
 from hd_control.core.errors import BagError
+from hd_control.core.topics import topic_info
 from hd_control.record.accounting import TopicAccount, header_of
 from hd_control.record.bag_folder import space_left, write_error
-from hd_control.record.disk_sync import DiskSync
-from hd_control.record.fixed_cdr import Buffer
-from hd_control.record.schema import topic_info
+from hd_control.record.cdr import Buffer
 from hd_control.record.writer import BagWriter
+
+# ----------------------------------------------------------------------------------------------------
+# Forces the disk beside the recording loop: fsync can take seconds on a slow disk, the loop must not wait for it.
+
+
+class DiskSync:
+    """At most one fsync at a time, in a thread of its own; an error is told by the next call."""
+
+    def __init__(self) -> None:
+        self._thread: threading.Thread | None = None
+        self._error: OSError | None = None
+
+    def start(self, fileno: int) -> OSError | None:
+        """Begins to force the file unless the last time still runs; returns the error of an earlier one."""
+        if self._error is not None:
+            return self._error
+        if self._thread is None or not self._thread.is_alive():
+            self._thread = threading.Thread(target=self._run, args=(fileno,), name="disk sync", daemon=True)
+            self._thread.start()
+        return None
+
+    def wait(self) -> None:
+        """Waits for the fsync that runs; the file may be closed then."""
+        if self._thread is not None:
+            self._thread.join()
+
+    def _run(self, fileno: int) -> None:
+        try:
+            os.fsync(fileno)
+        except OSError as error:
+            self._error = error
+
+
+# ----------------------------------------------------------------------------------------------------
+
 
 QUEUE_DEPTH = 2000
 EVENT_DEPTH = 100_000

@@ -19,14 +19,13 @@ from typing import Any
 import numpy as np
 
 from hd_control.core.errors import BagError
-from hd_control.record import metadata_yaml
-from hd_control.record.bag_folder import write_error
+from hd_control.core.topics import topic_info
+from hd_control.record import bag_folder
+from hd_control.record.bag_folder import whole_bag, write_error
 from hd_control.record.block import Block
-from hd_control.record.block_records import block_records
-from hd_control.record.mcap_file import MESSAGE, McapFile
+from hd_control.record.mcap_write import MESSAGE, McapFile, block_records
 from hd_control.record.reader import BagReader, Source
-from hd_control.record.schema import message_definition, topic_info, type_hash
-from hd_control.record.whole_output import whole_bag
+from hd_control.record.schema import message_definition, type_hash
 from hd_control.record.writer import ACCOUNTING, CHUNK_BYTES, RECOVERY
 
 Step = Callable[[float], None]
@@ -174,11 +173,11 @@ def _write_yaml(place: Path, file_path: Path, bag: BagReader, copy: _Copy, repor
         known, type_name = topic_info(topic), bag.topics[topic]
         kept = report.topics[topic].kept if topic in report.topics else 0
         entries.append(
-            metadata_yaml.TopicEntry(topic, type_name, type_hash(type_name), kept, bool(known and known.latched))
+            bag_folder.TopicEntry(topic, type_name, type_hash(type_name), kept, bool(known and known.latched))
         )
     custom = {"close_reason": "recovered", ACCOUNTING: json.dumps(bag.accounting)}
-    info = metadata_yaml.document(file_path.name, entries, copy.file.first_ns, copy.file.last_ns, custom)
-    metadata_yaml.save(place, info)
+    info = bag_folder.document(file_path.name, entries, copy.file.first_ns, copy.file.last_ns, custom)
+    bag_folder.save(place, info)
 
 
 def _compare(place: Path, copy: _Copy, target: Path, known: Collection[str]) -> None:

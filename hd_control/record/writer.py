@@ -21,14 +21,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hd_control.core.errors import BagError
-from hd_control.record import metadata_yaml
+from hd_control.core.topics import topic_info
+from hd_control.record import bag_folder
 from hd_control.record.accounting import TopicAccount, header_of
-from hd_control.record.bag_folder import attachment_bytes, make_folder, write_error
-from hd_control.record.channel import Channel
-from hd_control.record.fixed_cdr import Buffer, FixedCodec
-from hd_control.record.mcap_file import MESSAGE, McapFile, message_record, message_records
-from hd_control.record.provenance import provenance
-from hd_control.record.schema import message_definition, topic_info, type_hash
+from hd_control.record.bag_folder import attachment_bytes, make_folder, provenance, write_error
+from hd_control.record.cdr import Buffer, FixedCodec
+from hd_control.record.mcap_write import MESSAGE, Channel, McapFile, message_record, message_records
+from hd_control.record.schema import message_definition, type_hash
 
 FLUSH_NS = 20_000_000
 FLUSH_BYTES = 65_536
@@ -93,7 +92,7 @@ class BagWriter:
         if type_name not in self._schemas:
             self._schemas[type_name] = self._file.add_schema(type_name, definition)
         metadata = {
-            "offered_qos_profiles": metadata_yaml.dump([metadata_yaml.qos_profile(latched)]),
+            "offered_qos_profiles": bag_folder.dump([bag_folder.qos_profile(latched)]),
             "topic_type_hash": type_hash(type_name),
         }
         number = self._file.add_channel(name, self._schemas[type_name], metadata)
@@ -240,11 +239,11 @@ class BagWriter:
             ACCOUNTING: json.dumps({name: json.loads(text) for name, text in accounts.items()}),
             "close_reason": reason or "closed",
         }
-        info = metadata_yaml.document(self.file_path.name, topics, self._file.first_ns, self._file.last_ns, custom)
+        info = bag_folder.document(self.file_path.name, topics, self._file.first_ns, self._file.last_ns, custom)
         try:
-            metadata_yaml.save(self.path, info)
+            bag_folder.save(self.path, info)
         except OSError as error:
-            raise write_error(self.path / metadata_yaml.FILE_NAME, error) from None
+            raise write_error(self.path / bag_folder.FILE_NAME, error) from None
 
     def _channel(self, topic: str) -> Channel:
         self._check_open()

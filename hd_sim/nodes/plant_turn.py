@@ -13,9 +13,8 @@ from typing import Any, Protocol
 
 from hd_control.core.arrays import FloatArray
 from hd_control.core.blocks import Block
-from hd_control.nodes.loop_statistics import LoopStatistics
-from hd_control.nodes.real_time import sleep_until
-from hd_control.nodes.ros_loop import WAIT_NS, FastLoop
+from hd_control.nodes.fast_loop import WAIT_NS, FastLoop, LoopStatistics
+from hd_control.nodes.process import sleep_until
 from hd_sim.world import World
 
 IMPATIENT_NS = 20_000_000

@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-QUICK = ("analysis", "control", "core", "hd_sim", "inputs", "nodes", "record", "sabotage", "docs")
+QUICK = ("chain", "core", "docs", "hd_sim", "inputs", "lab", "laws", "nodes", "record", "sabotage", "safety")
 for folder in (*(HERE.parent / name for name in QUICK), HERE.parent, HERE):
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))

@@ -7,8 +7,8 @@ from pathlib import Path
 
 FOLDER = Path(__file__).parent / "results"
 ROOT = Path(__file__).resolve().parents[2]
-JUDGED = ("config/*", "hd_control/control/*", "hd_control/core/*", "hd_control/cpp/*", "hd_control/sensing/*",
-          "hd_control/stages/*", "hd_sim/*", "hd_sim/cpp/*")  # fmt: skip
+JUDGED = ("config/*", "hd_control/chain/*", "hd_control/core/*", "hd_control/cpp/*", "hd_control/laws/*",
+          "hd_control/safety/*", "hd_sim/*", "hd_sim/cpp/*")  # fmt: skip
 """Files whose change makes earlier simulated hours worthless."""
 
 

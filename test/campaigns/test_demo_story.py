@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hd_control.story import tell as telling
-from hd_control.story.plan import StoryPlan, make_story
-from hd_control.story.tell import TellOptions, tell
-from hd_sim import motions
+from hd_control.demo import tell as telling
+from hd_control.demo.plan import StoryPlan, make_story
+from hd_control.demo.tell import TellOptions, tell
 from hd_sim.scenario import Scenario, make_plan
 
 pytestmark = pytest.mark.process
@@ -21,7 +20,7 @@ pytestmark = pytest.mark.process
 def short_story(effect: str) -> StoryPlan:
     """One joint, 19 s of excitation, the goal of the demo."""
     story = make_story(2, "single_joint", effect)
-    scenario = Scenario("excitation", "", "", lambda c: motions.excitation(c.start, c.velocity_limit, c.random, 19.0))
+    scenario = Scenario("excitation", "", "", lambda c: scenario.excitation(c.start, c.velocity_limit, c.random, 19.0))
     start, names = story.visible.start_position, story.visible.robot.joint_names
     return replace(story, excitation=make_plan(scenario, names, start, np.array([2.0]), story.visible.period, 2))
 

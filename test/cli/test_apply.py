@@ -6,11 +6,11 @@ import pytest
 
 from hd_control.cli.main import main
 from hd_control.core.errors import ConfigError
-from hd_control.core.params_file import with_changes, yaml_value
+from hd_control.core.parameters import with_changes, yaml_value
 from hd_control.core.resources import config_path
 from hd_control.core.strict_yaml import load_params_file, parse_yaml
 from hd_control.drive.model import JointModel, Model, ModelValue
-from hd_control.drive.model_yaml import save_model
+from hd_control.drive.model_file import save_model
 
 
 @pytest.fixture

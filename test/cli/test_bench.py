@@ -8,14 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from hd_control.bench import commands, graph, growth
-from hd_control.bench.growth import Point
-from hd_control.bench.growth_figure import FIELDS, growth_figure
+from hd_control.bench import commands, growth, rows
+from hd_control.bench.growth import FIELDS, Point, growth_figure
 from hd_control.bench.measure import Timed, summarise, time_each
 from hd_control.cli import bench
 from hd_control.cli.main import main
 from hd_control.core.errors import HdError
-from hd_control.reference import bench_page
+from hd_control.pages import pages
 
 NAMES = set(
     "plant_5_substeps plant_10_substeps step_fusion step_motion step_torque step_gate chain_compute lockstep_pure "
@@ -39,9 +38,9 @@ def test_a_run_has_the_schema_and_peers_beside_our_rows(tmp_path: Path, capsys: 
 
 
 def test_every_row_of_the_interface_is_in_the_stored_run() -> None:
-    document = json.loads(bench_page.FILE.read_text())
+    document = json.loads(pages.FILE.read_text())
     assert {row["name"] for row in document["results"] if row["peer"] is None} >= NAMES
-    assert set(bench_page.MEANINGS) >= NAMES
+    assert set(pages.MEANINGS) >= NAMES
     peers = {(row["name"], row["peer"]) for row in document["results"] if row["peer"]}
     assert {("ring_p50", "stock_executor"), ("decode_messages", "rosbags_raw"), ("plant_5_substeps", "mujoco")} <= peers
 
@@ -79,11 +78,11 @@ def test_growth_is_printed_stored_and_drawn(tmp_path: Path, monkeypatch: pytest.
 
 
 def test_every_stored_curve_grows_over_something_and_is_drawn_or_listed() -> None:
-    stored = json.loads(bench_page.FILE.read_text())["growth"]
+    stored = json.loads(pages.FILE.read_text())["growth"]
     names = {point["name"] for point in stored}
     drawn = {trace["name"].split(" (")[0] for trace in growth_figure(stored)["data"]}
     assert drawn <= {name for _, curves in FIELDS for name in curves} & names
-    assert all(f"`{name}`" in bench_page.bench_page() for name in names)
+    assert all(f"`{name}`" in pages.bench_page() for name in names)
     assert all(len({point["size"] for point in stored if point["name"] == name}) > 1 for name in names)
 
 
@@ -103,7 +102,7 @@ def test_what_cannot_be_measured_is_a_note(tmp_path: Path, monkeypatch: pytest.M
     def failing(runs: int):
         raise HdError("no room for four processes")
 
-    monkeypatch.setattr(graph, "start_rows", failing)
+    monkeypatch.setattr(rows, "start_rows", failing)
     file = tmp_path / "bench.json"
     assert main(["bench", "--only", "start", "laws", "--runs", "1", "--json", str(file)]) == 0
     document = json.loads(file.read_text())

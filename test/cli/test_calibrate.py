@@ -7,7 +7,7 @@ import pytest
 
 from hd_control.cli.main import main
 from hd_control.core.strict_yaml import load_params_file
-from hd_control.sensing import fusion
+from hd_control.laws import fusion
 from hd_sim.plant_config import PlantConfig
 from hd_sim.recording import RunRecording
 from hd_sim.runner import Runner, RunSetup

@@ -109,7 +109,7 @@ def test_a_campaign_prints_its_table_and_goes_on_from_its_record(tmp_path, capsy
     def refuse(question):
         return {"verdict": "cannot_tell", "effects": [], "unknown": None, "experiments": []}
 
-    monkeypatch.setattr("hd_sim.campaign_ask.ask", refuse)
+    monkeypatch.setattr("hd_sim.puzzles.campaign.ask", refuse)
     record = tmp_path / "record.jsonl"
     words = ["campaign", "--seed", "5", "--n", "4", "--kind", "poor", "--record", str(record)]
     assert main(["challenge", *words]) == 0
@@ -128,7 +128,7 @@ def test_an_interrupted_campaign_prints_what_it_has(tmp_path, capsys, monkeypatc
         asked.append(question)
         return {"verdict": "adequate", "effects": [], "unknown": None, "experiments": []}
 
-    monkeypatch.setattr("hd_sim.campaign_ask.ask", interrupted)
+    monkeypatch.setattr("hd_sim.puzzles.campaign.ask", interrupted)
     words = ["campaign", "--seed", "5", "--n", "4", "--kind", "none", "--record", str(tmp_path / "r.jsonl")]
     assert main(["challenge", *words]) == 130
     out = capsys.readouterr().out
@@ -136,8 +136,8 @@ def test_an_interrupted_campaign_prints_what_it_has(tmp_path, capsys, monkeypatc
 
 
 def test_an_arm_challenge_seals_every_joint(tmp_path, monkeypatch):
-    monkeypatch.setattr("hd_sim.arm_pairs.FIT_S", 21.0)
-    monkeypatch.setattr("hd_sim.arm_pairs.HELD_OUT_S", 20.0)
+    monkeypatch.setattr("hd_sim.puzzles.arm_recordings.FIT_S", 21.0)
+    monkeypatch.setattr("hd_sim.puzzles.arm_recordings.HELD_OUT_S", 20.0)
     assert main(["challenge", "new", "--arm", "--seed", "3", "-o", str(tmp_path / "arm"), "--quiet"]) == 0
     assert len(open_seal(tmp_path / "arm" / "truth.seal")["joints"]) == 7
     assert challenge.NAME == "challenge"

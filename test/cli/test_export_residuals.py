@@ -10,13 +10,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from hd_control.analysis.recording import read_recording
-from hd_control.analysis.residual_series import residual_pages, residual_series
-from hd_control.analysis.signal_checks import check_signals
 from hd_control.cli.main import main
 from hd_control.core.errors import BagError
+from hd_control.lab.models.answers import residual_pages, residual_series
+from hd_control.lab.signals.checks import check_signals
+from hd_control.lab.signals.recording import read_recording
 from hd_control.record.reader import BagReader
-from hd_control.record.series import foxglove_layout, plotjuggler_layout, topic_name, write_series_bag
+from hd_control.record.tables import foxglove_layout, plotjuggler_layout, topic_name, write_series_bag
 
 DATA = Path(os.environ.get("HD_MEASURED_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hd_control.analysis import import_table as import_module
-from hd_control.analysis.recording import read_recording
 from hd_control.cli.main import main
+from hd_control.lab.signals import import_table as import_module
+from hd_control.lab.signals.recording import read_recording
 from hd_control.record.reader import BagReader
 
 DATA = Path(os.environ.get("HD_MEASURED_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))

@@ -220,7 +220,7 @@ def test_test_command_selects(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_what_only_calculates_runs_beside(monkeypatch: pytest.MonkeyPatch) -> None:
     """With a debugger or one processor everything runs in this process, and the run beside starts no third."""
-    from hd_control.cli._second_run import ALONE, SecondRun
+    from hd_control.cli.test import ALONE, SecondRun
 
     monkeypatch.delenv(ALONE, raising=False)
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
@@ -233,7 +233,7 @@ def test_what_only_calculates_runs_beside(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_the_two_runs_share_all_tests_that_are_asked_for() -> None:
-    from hd_control.cli._second_run import narrowed
+    from hd_control.cli.test import narrowed
 
     assert narrowed(["-x"], "process") == ["-x", "-m", "process"]
     assert narrowed(["-m", "not slow or gate", "test"], "not process") == [

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from hd_control.cli.main import main
-from hd_control.drive.model_yaml import load_model
-from hd_sim.cases import chosen_case
-from hd_sim.drive_bag import write_bag
-from hd_sim.pairs import record_pair
+from hd_control.drive.model_file import load_model
+from hd_sim.puzzles.draw import chosen_case
+from hd_sim.puzzles.recordings import record_pair, write_bag
 
 
 @pytest.fixture(scope="module")

@@ -5,14 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from hd_control.core.fault_table import manual, pages
-from hd_control.core.faults import Action, Fault, FaultCode
+from hd_control.core.faults import Action, Fault, FaultCode, manual, pages
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_the_manual_is_current():
-    """python -m hd_control.core.fault_table > docs/faults.md"""
+    """python -m hd_control.core.faults > docs/faults.md"""
     assert (ROOT / "docs" / "faults.md").read_text() == manual()
 
 

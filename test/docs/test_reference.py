@@ -6,16 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from hd_control.analysis.signals import SIGNALS
-from hd_control.reference.pages import PAGES
-from hd_control.reference.terms import SIGNALS as DESCRIBED
+from hd_control.lab.signals.joint_signals import SIGNALS
+from hd_control.pages.pages import PAGES
+from hd_control.pages.pages import SIGNAL_MEANINGS as DESCRIBED
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "reference"
 
 
 @pytest.mark.parametrize("name", PAGES)
 def test_the_page_is_current(name: str) -> None:
-    """python -m hd_control.reference"""
+    """python -m hd_control.pages"""
     assert (FOLDER / name).read_text(encoding="utf-8") == PAGES[name]()
 
 

@@ -9,9 +9,7 @@ from pathlib import Path
 import pytest
 from command_blocks import ROOT, Written, steps
 
-from hd_control.nodes.children import child_environment
-from hd_control.nodes.run_plan import RunPlan
-from hd_control.nodes.session import Session
+from hd_control.session.session import RunPlan, Session, child_environment
 
 TICKS = 150
 PAGE = ROOT / "docs" / "tutorials" / "your_drives.md"

@@ -11,7 +11,7 @@ from drive.drive_cases import CONTEXT, EXAMPLES, moving, states_of
 
 from hd_control.drive.effect import CHANNELS, Effect
 from hd_control.drive.library import library, names_in_every_model, names_that_may_be_missing
-from hd_control.drive.predict_plant import rows_of
+from hd_control.drive.predict import rows_of
 
 IN_EVERY_MODEL = {"rotor_inertia", "torsional_stiffness", "coulomb_friction", "viscous_friction", "link_dynamics"}
 MAY_BE_MISSING = set(

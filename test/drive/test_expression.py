@@ -10,9 +10,8 @@ from drive.drive_cases import CONTEXT, moving
 
 from hd_control.core.errors import ConfigError
 from hd_control.drive.effect import Effect
-from hd_control.drive.expression import Expression, Table
-from hd_control.drive.formula import check_names, parse_formula
-from hd_control.drive.model_yaml import parse_model
+from hd_control.drive.expression import Expression, Table, check_names, parse_formula
+from hd_control.drive.model_file import parse_model
 
 STATES = moving(300)
 FORMULAS = {

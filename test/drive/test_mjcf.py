@@ -11,7 +11,7 @@ from hd_control.core.errors import ConfigError
 from hd_control.core.robot import Robot
 from hd_control.drive.mjcf import mjcf_text
 from hd_control.drive.model import JointModel, Model, ModelValue
-from hd_control.drive.model_yaml import load_model
+from hd_control.drive.model_file import load_model
 
 
 def alone(**more):

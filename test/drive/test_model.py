@@ -19,8 +19,7 @@ from hd_control.core.resources import config_path
 from hd_control.core.robot import Robot
 from hd_control.drive.expression import Expression, Table
 from hd_control.drive.model import JointModel, Model, ModelValue, model_from_urdf
-from hd_control.drive.model_text import model_sha256, model_text, number
-from hd_control.drive.model_yaml import load_model, parse_model, save_model
+from hd_control.drive.model_file import load_model, model_sha256, model_text, number, parse_model, save_model
 from hd_sim.plant_config import PlantConfig
 from hd_sim.truth import nominal
 

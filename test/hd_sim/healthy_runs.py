@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hd_control.control.trajectory import quintic_move
+from hd_control.laws.trajectory import quintic_move
 from hd_sim.plant_config import PlantConfig
 from hd_sim.runner import Runner, RunSetup
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hd_control.control.trajectory import quintic_move
+from hd_control.laws.trajectory import quintic_move
 from hd_control.record.reader import BagReader
 from hd_control.record.recorder import Recorder
 from hd_control.record.schema import joint_state_codec

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from hd_control.core.errors import BagError, ConfigError
-from hd_sim.campaign import FAILED, RANGES, Campaign, read_record, run_campaign, run_one
-from hd_sim.campaign_table import make_table
-from hd_sim.cases import draw_case
+from hd_sim.puzzles.campaign import FAILED, RANGES, Campaign, make_table, read_record, run_campaign, run_one
+from hd_sim.puzzles.draw import draw_case
 
 
 def adequate(question):

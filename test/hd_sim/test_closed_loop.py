@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hd_control.core.errors import ConfigError
-from hd_sim import motions
+from hd_sim import scenario
 from hd_sim.closed_loop import ready, run_on
 from hd_sim.plant_config import PlantConfig
 from hd_sim.runner import Runner, RunSetup
@@ -17,7 +17,7 @@ def moving(name, **values):
     """A robot that rests, 0.3 s before its sine begins."""
     config = PlantConfig.from_file(name)
     runner = Runner(RunSetup(config, 5, values))
-    sine = Scenario("sine", "", "", lambda c: motions.enveloped_sine(c.start, 0.02, 2.0))
+    sine = Scenario("sine", "", "", lambda c: scenario.enveloped_sine(c.start, 0.02, 2.0))
     plan = make_plan(
         sine, config.robot.joint_names, config.start_position, runner.goal_limits.velocity, config.period, 0
     )

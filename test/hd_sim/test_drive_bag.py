@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from hd_control.record.reader import BagReader
-from hd_sim.arm_pairs import draw_arm_effects, make_arm_pair
-from hd_sim.cases import chosen_case
-from hd_sim.drive_bag import write_bag
-from hd_sim.effects import VOCABULARY
-from hd_sim.pairs import record_pair
+from hd_sim.hidden_effects import VOCABULARY
+from hd_sim.puzzles.arm_recordings import draw_arm_effects, make_arm_pair
+from hd_sim.puzzles.draw import chosen_case
+from hd_sim.puzzles.recordings import record_pair, write_bag
 from hd_sim.truth import HiddenEffect
 
 
@@ -49,8 +48,8 @@ def test_equal_seeds_make_equal_bags(pair, tmp_path):
 
 def test_an_arm_with_hidden_effects_follows_its_reference(monkeypatch):
     """A short recording; 5 mrad: chain with lowered gains, strong effects on two joints."""
-    monkeypatch.setattr("hd_sim.arm_pairs.FIT_S", 24.0)
-    monkeypatch.setattr("hd_sim.arm_pairs.HELD_OUT_S", 20.0)
+    monkeypatch.setattr("hd_sim.puzzles.arm_recordings.FIT_S", 24.0)
+    monkeypatch.setattr("hd_sim.puzzles.arm_recordings.HELD_OUT_S", 20.0)
     effects = [HiddenEffect("joint_2", "stribeck_friction", 2.0), HiddenEffect(5, "gauge_fourth_harmonic", 2.0)]
     arm = make_arm_pair(3, effects)
     error = arm.fit["joint_position"] - arm.fit["reference_position"]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from hd_control.core.faults import FaultCode
-from hd_control.stages.gate_values import safety_limits
-from hd_sim.drive_seam import ARMING_SAMPLES, DriveSeam
+from hd_control.safety.limits import safety_limits
+from hd_sim.drive_side import ARMING_SAMPLES, DriveSeam
 from hd_sim.plant import Plant, PlantConfig
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BPoly
 
-from hd_sim import motions
+from hd_sim import scenario
 
 START = np.array([0.2, 0.5, -0.6, 1.0, -0.5, 0.4, 0.3])
 LIMIT = np.array([1.5, 1.5, 1.5, 2.0, 2.5, 2.5, 3.0])
@@ -13,13 +13,13 @@ LIMIT = np.array([1.5, 1.5, 1.5, 2.0, 2.5, 2.5, 3.0])
 def _all(seed=3):
     random = np.random.default_rng(seed)
     return {
-        "steps": motions.steps(START),
-        "coordinated": motions.coordinated_moves(START, np.deg2rad(10), 0.4),
-        "slow": motions.constant_speed(START, 0.001, 21.0),
-        "sine": motions.enveloped_sine(START, 0.1, 0.5),
-        "fast sine": motions.enveloped_sine(START, 0.015, 5.0),
-        "random": motions.random_moves(START, LIMIT, random, 10),
-        "excitation": motions.excitation(START, LIMIT, random),
+        "steps": scenario.steps(START),
+        "coordinated": scenario.coordinated_moves(START, np.deg2rad(10), 0.4),
+        "slow": scenario.constant_speed(START, 0.001, 21.0),
+        "sine": scenario.enveloped_sine(START, 0.1, 0.5),
+        "fast sine": scenario.enveloped_sine(START, 0.015, 5.0),
+        "random": scenario.random_moves(START, LIMIT, random, 10),
+        "excitation": scenario.excitation(START, LIMIT, random),
     }
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from oracles.plant_runs import EnergyBook, arm_c, pinocchio_gravity, profile, start_on_spring
 
+from hd_control.bench.peers import SlowPlant
 from hd_sim.plant import Plant, PlantConfig
-from hd_sim.slow_plant import SlowPlant
 
 PROFILES = ("in_phase", "phased", "square")
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles.plant_runs import flywheel
 
-from hd_sim import peers
+from hd_control.bench import peers
 from hd_sim.plant import Plant, PlantConfig
 from hd_sim.truth import EFFECTS, HiddenEffect, apply_hidden, nominal
 

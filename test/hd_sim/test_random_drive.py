@@ -6,13 +6,22 @@ import numpy as np
 import pytest
 
 from hd_control.core.errors import ConfigError
-from hd_sim.cases import CATEGORIES, FEATURES, SUBSTITUTES, UNKNOWN, chosen_case, draw_case, draw_features
-from hd_sim.effects import OUTSIDE, VOCABULARY
-from hd_sim.pairs import _later, hidden_truth, make_pair, nominal_model, record_pair, room_of, set_up
+from hd_sim.hidden_effects import OUTSIDE, VOCABULARY
 from hd_sim.plant import Plant
-from hd_sim.random_drive import draw_drive, stream
-from hd_sim.random_motion import MOTIONS, POOR
-from hd_sim.true_parameters import PARAMETERS
+from hd_sim.puzzles.draw import (
+    CATEGORIES,
+    FEATURES,
+    SUBSTITUTES,
+    UNKNOWN,
+    chosen_case,
+    draw_case,
+    draw_drive,
+    draw_features,
+    stream,
+)
+from hd_sim.puzzles.random_motion import MOTIONS, POOR
+from hd_sim.puzzles.recordings import _later, hidden_truth, make_pair, nominal_model, record_pair, room_of, set_up
+from hd_sim.truth import PARAMETERS
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 from oracles.manifold_law import Joint
 
-from hd_control.reproduce.constants import load_constants
-from hd_control.reproduce.gandhi_runs import Experiment, plant_values
-from hd_sim.gear_joint import GearJoint
-from hd_sim.one_link_arm import OneLinkArm
-from hd_sim.strain_gauges import Diaphragm, GaugeBridge
+from hd_control.papers.gandhi_runs import Experiment, plant_values
+from hd_control.papers.rows import load_constants
+from hd_sim.paper_joints import Diaphragm, GaugeBridge, GearJoint, OneLinkArm
 
 ARM = {
     "rotor_inertia": 0.94, "link_inertia": 0.88, "stiffness": 8800.0, "coulomb_torque": 0.0,

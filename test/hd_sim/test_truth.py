@@ -11,7 +11,7 @@ from oracles.plant_runs import flywheel
 
 from hd_control.core.errors import ConfigError
 from hd_sim.plant import Plant, PlantConfig
-from hd_sim.settings import SETTINGS
+from hd_sim.plant_config import SETTINGS
 from hd_sim.truth import (
     EFFECTS,
     OUTSIDE,

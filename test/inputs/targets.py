@@ -51,8 +51,8 @@ def _yaml(folder: Path, data: bytes) -> Any:
 
 
 def _params(folder: Path, data: bytes) -> Any:
-    from hd_control.control.torque import PARAMETERS
     from hd_control.core.strict_yaml import load_params_file
+    from hd_control.laws.torque import PARAMETERS
 
     values = load_params_file(_file(folder, data, "params.yaml"), "torque_node")
     PARAMETERS.check(values, 7)
@@ -60,19 +60,19 @@ def _params(folder: Path, data: bytes) -> Any:
 
 
 def _model(folder: Path, data: bytes) -> Any:
-    from hd_control.drive.model_yaml import parse_model
+    from hd_control.drive.model_file import parse_model
 
     return parse_model(data)
 
 
 def _mapping(folder: Path, data: bytes) -> Any:
-    from hd_control.analysis.mapping import load_mapping
+    from hd_control.lab.signals.sources import load_mapping
 
     return load_mapping(_file(folder, data, "map.yaml"))
 
 
 def _metadata(folder: Path, data: bytes) -> Any:
-    from hd_control.record.metadata_yaml import load
+    from hd_control.record.bag_folder import load
 
     return load(_file(folder, data, "metadata.yaml"))
 
@@ -102,8 +102,8 @@ def _npz(folder: Path, data: bytes) -> Any:
 
 def _import(folder: Path, data: bytes) -> Any:
     """A table with a good mapping becomes a bag, or nothing appears."""
-    from hd_control.analysis.import_table import import_table
-    from hd_control.analysis.mapping import load_mapping
+    from hd_control.lab.signals.import_table import import_table
+    from hd_control.lab.signals.sources import load_mapping
 
     mapping = load_mapping(_file(folder, MAPPING.encode(), "map.yaml"))
     bag = folder / "bag"
@@ -116,7 +116,7 @@ def _import(folder: Path, data: bytes) -> Any:
 
 
 def _formula(folder: Path, data: bytes) -> Any:
-    from hd_control.drive.formula import parse_formula
+    from hd_control.drive.expression import parse_formula
 
     return parse_formula(data.decode("utf-8", "replace"))
 
@@ -138,11 +138,11 @@ def _archive() -> str:
 
 def targets() -> dict[str, Target]:
     """All of them by name."""
-    from hd_control.record import metadata_yaml
+    from hd_control.record import bag_folder
 
-    entry = metadata_yaml.TopicEntry("/encoder", "sensor_msgs/msg/JointState", "", 5)
-    metadata = metadata_yaml.dump(
-        {"rosbag2_bagfile_information": metadata_yaml.document("bag_0.mcap", [entry], 0, 5, {"a": "b"})}
+    entry = bag_folder.TopicEntry("/encoder", "sensor_msgs/msg/JointState", "", 5)
+    metadata = bag_folder.dump(
+        {"rosbag2_bagfile_information": bag_folder.document("bag_0.mcap", [entry], 0, 5, {"a": "b"})}
     )
     configuration = _texts("config/*.yaml")
     return {

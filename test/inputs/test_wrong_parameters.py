@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
+from hd_control.chain.chain import shipped_values
 from hd_control.core.errors import ConfigError
 from hd_control.core.parameters import Parameter, ParameterSet, Shape
-from hd_control.stages.node_parameters import shipped_values
 from hd_sim.runner import LAWS
 
 JOINTS = 7

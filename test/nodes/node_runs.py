@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hd_control.control.trajectory import Goal, quintic_move
-from hd_control.nodes.run_plan import RunPlan
-from hd_control.nodes.session import Session
+from hd_control.laws.trajectory import Goal, quintic_move
+from hd_control.session.session import RunPlan, Session
 
 START = np.array([0.2, 0.5, -0.6, 1.0, -0.5, 0.4, 0.3])
 """Start position of the shipped plant arm_a, rad."""

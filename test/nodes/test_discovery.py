@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hd_control.nodes import process
-from hd_control.nodes.children import child_environment
+from hd_control.session.session import child_environment
 
 ROOT = Path(__file__).resolve().parents[2]
 NAME = "ROS_AUTOMATIC_DISCOVERY_RANGE"

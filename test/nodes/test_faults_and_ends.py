@@ -12,11 +12,9 @@ from pathlib import Path
 import pytest
 from node_runs import random_domain
 
-from hd_control.nodes.children import child_environment
-from hd_control.nodes.run_plan import MODULES, RunPlan
-from hd_control.nodes.session import Session
 from hd_control.record.black_box_files import black_boxes
 from hd_control.record.reader import BagReader
+from hd_control.session.session import MODULES, RunPlan, Session, child_environment
 
 pytestmark = pytest.mark.process
 ROOT = Path(__file__).resolve().parents[2]
@@ -65,8 +63,8 @@ def test_ctrl_c_leaves_no_process(tmp_path: Path) -> None:
     script = (
         "import sys, time\n"
         "from pathlib import Path\n"
-        "from hd_control.nodes.run_plan import RunPlan\n"
-        "from hd_control.nodes.session import Session\n"
+        "from hd_control.session.session import RunPlan\n"
+        "from hd_control.session.session import Session\n"
         f"with Session(RunPlan(lockstep=True), {random_domain()}, Path({str(tmp_path)!r})) as session:\n"
         "    session.activate()\n"
         "    print(*(session.pid(process.node) for process in session.processes), flush=True)\n"

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from hd_control.nodes.run_plan import FOUR, RunPlan
+from hd_control.session.session import FOUR, RunPlan
 
 FILE = Path(__file__).resolve().parents[2] / "launch" / "robot.launch.py"
 

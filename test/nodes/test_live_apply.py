@@ -8,11 +8,10 @@ import pytest
 from node_runs import PAUSE, random_domain
 
 from hd_control.cli.main import main
-from hd_control.control.trajectory import sine_goal
 from hd_control.drive.model import JointModel, Model, ModelValue
-from hd_control.drive.model_yaml import save_model
-from hd_control.nodes.run_plan import RunPlan
-from hd_control.nodes.session import Session
+from hd_control.drive.model_file import save_model
+from hd_control.laws.trajectory import sine_goal
+from hd_control.session.session import RunPlan, Session
 from hd_sim.plant_config import PlantConfig
 from hd_sim.truth import HiddenEffect, apply_hidden, nominal
 

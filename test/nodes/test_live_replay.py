@@ -7,8 +7,7 @@ import pytest
 from node_runs import random_domain, record
 
 from hd_control.cli.main import main
-from hd_control.nodes.run_plan import RunPlan
-from hd_control.nodes.session import Session
+from hd_control.session.session import RunPlan, Session
 
 GOLDEN = Path(__file__).resolve().parents[2] / "bags" / "golden" / "adaptive_arm"
 pytestmark = pytest.mark.process

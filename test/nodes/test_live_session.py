@@ -11,8 +11,7 @@ import pytest
 from node_runs import JOINTS, PAUSE, a_goal, random_domain
 
 from hd_control.core.errors import GoalError
-from hd_control.nodes.run_plan import RunPlan
-from hd_control.nodes.session import Session
+from hd_control.session.session import RunPlan, Session
 
 TERMS = (
     "inertia_torque",
@@ -92,7 +91,7 @@ def test_introspection_values_have_names(session: Session) -> None:
 
     names: list[str] = []
     rows: list[list[float]] = []
-    from hd_control.nodes.ros_loop import chain_qos, latched_qos
+    from hd_control.nodes.fast_loop import chain_qos, latched_qos
 
     node = session.client.node
     topic = "torque_node/introspection"

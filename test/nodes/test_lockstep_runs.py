@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from node_runs import END, GOAL_TICK, JOINTS, PAUSE, START, a_goal, random_domain, record
 
-from hd_control.nodes.run_plan import RunPlan
-from hd_control.nodes.session import Session
 from hd_control.record.reader import BagReader
+from hd_control.session.session import RunPlan, Session
 from hd_sim.plant_config import PlantConfig
 from hd_sim.runner import Runner, RunSetup
 

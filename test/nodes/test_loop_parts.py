@@ -16,16 +16,14 @@ from hypothesis import strategies as st
 
 from hd_control import _messages
 from hd_control._messages import COMPLETE, FOREIGN, OTHER_LAYOUT, REPEATED, STALE, STORED
+from hd_control.chain.black_box import FaultBook
+from hd_control.chain.chain import for_joints
 from hd_control.core.errors import ConfigError
 from hd_control.core.faults import Action, Fault, FaultCode
 from hd_control.core.parameters import Parameter, ParameterSet, Shape
-from hd_control.nodes.fast_messages import add_input, make_message
-from hd_control.nodes.loop_statistics import LoopStatistics
-from hd_control.nodes.ros_loop import JoinedTurn
-from hd_control.nodes.run_plan import RunPlan
+from hd_control.nodes.fast_loop import JoinedTurn, LoopStatistics, add_input, make_message
 from hd_control.record.cdr import JointStateCodec
-from hd_control.stages.fault_book import FaultBook
-from hd_control.stages.node_parameters import for_joints
+from hd_control.session.session import RunPlan
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -205,7 +203,7 @@ def test_an_activation_during_the_wait_never_makes_a_tick_of_its_own() -> None:
 def test_the_recorder_tells_of_its_slowest_topic() -> None:
     """A lock-step plant runs at most the recorder's lag ahead of what is told: a topic that is late must hold it back,
     or its publisher overwrites what was not delivered yet."""
-    from hd_control.nodes.recorder_turn import NEEDED, RecorderTurn
+    from hd_control.nodes.recorder_node import NEEDED, RecorderTurn
     from hd_control.record.schema import joint_state_codec
 
     waiting: dict[str, list[bytes]] = {name: [] for name in NEEDED}
@@ -243,7 +241,7 @@ def test_only_the_loop_keeps_real_time():
     """The executor thread beside it goes back to ordinary scheduling: equals under SCHED_FIFO do not interrupt."""
     code = (
         "import os, threading\n"
-        "from hd_control.nodes.real_time import leave_real_time, request_real_time\n"
+        "from hd_control.nodes.process import leave_real_time, request_real_time\n"
         "request_real_time()\n"
         "seen = []\n"
         "def beside():\n"
@@ -262,7 +260,7 @@ def test_only_the_loop_keeps_real_time():
 
 THREADS = """
 import ctypes, os, threading
-from hd_control.nodes.real_time import demote_middleware, request_real_time
+from hd_control.nodes.process import demote_middleware, request_real_time
 
 PR_SET_NAME, end, kept = 15, threading.Event(), {}
 print(any("SCHED_FIFO 40" in note for note in request_real_time()))

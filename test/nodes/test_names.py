@@ -10,9 +10,9 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 from hd_control.nodes.fusion_node import FusionNode
-from hd_control.nodes.lifecycle_shell import Shell
-from hd_control.nodes.node_facts import node_facts
 from hd_control.nodes.process import prepare_environment
+from hd_control.nodes.shell import Shell
+from hd_control.pages.node_facts import node_facts
 
 
 @contextmanager

@@ -14,16 +14,15 @@ import numpy as np
 import pytest
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from hd_control.control import motion
-from hd_control.control.trajectory import quintic_move
+from hd_control.chain.chain import for_joints, shipped_values
+from hd_control.chain.motion_stage import MotionStage
 from hd_control.core.parameters import ParameterSet
 from hd_control.core.robot import Robot
-from hd_control.nodes import trajectory_action
+from hd_control.laws import motion
+from hd_control.laws.trajectory import quintic_move
+from hd_control.nodes import goals
 from hd_control.nodes.convert import message_from_goal
-from hd_control.nodes.goal_desk import GoalDesk
-from hd_control.nodes.trajectory_action import TrajectoryAction, serve_trajectory_action
-from hd_control.stages.motion_stage import MotionStage
-from hd_control.stages.node_parameters import for_joints, shipped_values
+from hd_control.nodes.goals import GoalDesk, TrajectoryAction, serve_trajectory_action
 
 DT = 1e-3
 ROBOT = Robot.from_file("arm_a")
@@ -222,6 +221,6 @@ def test_with_control_msgs_the_server_is_made(monkeypatch):
     monkeypatch.setitem(sys.modules, "control_msgs", package)
     monkeypatch.setitem(sys.modules, "control_msgs.action", action)
     made = []
-    monkeypatch.setattr(trajectory_action, "TrajectoryAction", lambda *given: made.append(given))
+    monkeypatch.setattr(goals, "TrajectoryAction", lambda *given: made.append(given))
     serve_trajectory_action("node", "desk", "stage")
     assert made[0][:4] == ("node", "desk", "stage", Kind)

@@ -2,8 +2,8 @@
 
 from types import SimpleNamespace
 
-from hd_control.nodes.loop_statistics import LoopStatistics
-from hd_sim.nodes.topic_seam import TopicSeam, plant_status
+from hd_control.nodes.fast_loop import LoopStatistics
+from hd_sim.nodes.plant_topics import TopicSeam, plant_status
 
 
 def status(foreign):

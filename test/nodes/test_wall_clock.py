@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 from node_runs import random_domain
 
-from hd_control.nodes.run_plan import RunPlan
-from hd_control.nodes.session import Session
+from hd_control.session.session import RunPlan, Session
 
 pytestmark = pytest.mark.process
 

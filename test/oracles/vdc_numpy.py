@@ -40,7 +40,7 @@ def link_motions(rotation, origin, q, dq, dqr, ddqr, gravity=9.81):
 
 
 def regressor(X, Xr, dXr, g):
-    """Y_L (6, 13); the columns of the equation sheet, in its words."""
+    """Y_L (6, 13), column by column: docs/equations/motion_law.md (M6)."""
     w, vr, wr, a, al = X[3:], Xr[:3], Xr[3:], dXr[:3], dXr[3:]
     beta = a + np.cross(w, vr) + g
     Y = np.zeros((6, 13))

@@ -1,4 +1,4 @@
-"""Seeded damage of recordings (classes of the reliability contract, section 6) and what must hold for each case.
+"""Seeded damage of recordings, class by class, and what must hold for each case.
 
 A case is a number: `check_case(folder, bags, number)` makes the damage, reads the bag in every way, and raises
 AssertionError with the case's text if anything but a BagError leaves the reader, if a bag that lacks something says it
@@ -69,10 +69,11 @@ def _killed(path: Path) -> Path:
 def _database(path: Path) -> Path:
     from rosbags.rosbag2 import StoragePlugin, Writer
 
-    from hd_control.record.cdr import JOINT_STATE, typestore
+    from hd_control.core.topics import JOINT_STATE_TYPE
+    from hd_control.record.cdr import typestore
 
     with Writer(path, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        connection = writer.add_connection("/encoder", JOINT_STATE, typestore=typestore())
+        connection = writer.add_connection("/encoder", JOINT_STATE_TYPE, typestore=typestore())
         for k in range(TICKS):
             writer.write(connection, T0 + k * TICK, payload_of("encoder", k))
     return path

@@ -7,7 +7,8 @@ import pytest
 from small_bags import NAMES, RUN, START, T0, TICK, TOPICS, file_of, payload_of, tick_values, write_bag
 
 from hd_control.core.errors import BagError
-from hd_control.record.cdr import JOINT_STATE, JointStateCodec, encode_text
+from hd_control.core.topics import JOINT_STATE_TYPE
+from hd_control.record.cdr import JointStateCodec, encode_text
 from hd_control.record.reader import BagReader, Gap
 from hd_control.record.schema import joint_state_codec
 from hd_control.record.writer import BagWriter
@@ -53,7 +54,7 @@ def test_rosbags_reads_the_same(bag):
         encoder = [connection for connection in reader.connections if connection.topic == "/encoder"]
         read = [(time, bytes(data)) for _, time, data in reader.messages(encoder)]
         assert read == [(T0 + k * TICK + 50, payload_of("encoder", k)) for k in range(TICKS)]
-        message = reader.deserialize(read[3][1], JOINT_STATE)
+        message = reader.deserialize(read[3][1], JOINT_STATE_TYPE)
         assert list(message.name) == NAMES and np.array_equal(message.position, tick_values(3))
 
 
@@ -85,7 +86,7 @@ def test_rosbags_databases_are_read(tmp_path):
     from hd_control.record.cdr import typestore
 
     with Writer(tmp_path / "old", version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        connection = writer.add_connection("/encoder", JOINT_STATE, typestore=typestore())
+        connection = writer.add_connection("/encoder", JOINT_STATE_TYPE, typestore=typestore())
         for k in range(TICKS):
             writer.write(connection, T0 + k * TICK, payload_of("encoder", k))
     for path in (tmp_path / "old", tmp_path / "old" / "old.db3"):

@@ -15,7 +15,7 @@ import pytest
 from small_bags import T0, TICK, TOPICS, file_of, payload_of, tick_values, write_bag
 
 from hd_control.core.errors import BagError
-from hd_control.record.mcap_file import MAGIC
+from hd_control.record.mcap_write import MAGIC
 from hd_control.record.reader import BagReader
 from hd_control.record.writer import BagWriter
 
@@ -119,7 +119,7 @@ def test_checksums_are_compared(tmp_path):
     import struct
     import zlib
 
-    from hd_control.record.chunks import ChunkError, chunk_data, chunk_place
+    from hd_control.record.mcap_read import ChunkError, chunk_data, chunk_place
 
     data = bytes(range(200))
     for crc, good in ((zlib.crc32(data), True), (zlib.crc32(data) ^ 1, False), (0, True)):
@@ -230,7 +230,7 @@ def test_hostile_sizes_are_refused(tmp_path):
     """A record that claims 1 TB and a chunk that claims to expand a thousandfold: refused by the caps, at once."""
     import struct
 
-    from hd_control.record.chunks import ChunkError, ChunkPlace, chunk_data, chunk_place
+    from hd_control.record.mcap_read import ChunkError, ChunkPlace, chunk_data, chunk_place
 
     path = tmp_path / "bad.mcap"
     path.write_bytes(MAGIC + struct.pack("<BQ", 5, 1 << 40) + bytes(100))

@@ -11,7 +11,7 @@ import pytest
 from small_bags import T0, TICK, payload_of
 
 from hd_control.core.errors import BagError
-from hd_control.record.mcap_file import MAGIC, McapFile, message_record
+from hd_control.record.mcap_write import MAGIC, McapFile, message_record
 from hd_control.record.reader import BagReader
 from hd_control.record.schema import message_definition
 from hd_control.record.summary import summarize

@@ -16,7 +16,6 @@ import pytest
 from small_bags import T0, TICK, payload_of
 
 from hd_control.core.errors import BagError
-from hd_control.record import disk_sync
 from hd_control.record import recorder as recorder_module
 from hd_control.record.reader import BagReader
 from hd_control.record.recorder import Recorder
@@ -45,7 +44,7 @@ def power_cuts(folder: Path, monkeypatch, seed: int, ticks: int, cuts: int) -> l
     """Samples that each of `cuts` cuts loses. What a cut leaves is what was forced to the disk by the last fsync."""
     forced: list[int] = []
     recorder = recording(folder / "bag")
-    monkeypatch.setattr(disk_sync.os, "fsync", lambda _: forced.append(recorder.bag.file_path.stat().st_size))
+    monkeypatch.setattr(recorder_module.os, "fsync", lambda _: forced.append(recorder.bag.file_path.stat().st_size))
     rng, turns, lost = random.Random(seed), [], []
     for k in range(ticks):
         offer(recorder, k)
@@ -73,7 +72,7 @@ def test_a_power_cut_loses_less_than_a_second(tmp_path, monkeypatch):
 def test_a_slow_disk_does_not_hold_up_the_recording(tmp_path, monkeypatch):
     """fsync that never comes back until the end: everything is handed to the system all the same."""
     free = threading.Event()
-    monkeypatch.setattr(disk_sync.os, "fsync", lambda _: free.wait(60.0))
+    monkeypatch.setattr(recorder_module.os, "fsync", lambda _: free.wait(60.0))
     recorder = recording(tmp_path / "bag")
     for k in range(3000):
         offer(recorder, k)
@@ -89,7 +88,7 @@ def test_an_error_while_forcing_the_disk_ends_the_recording(tmp_path, monkeypatc
     def refuse(_):
         raise OSError(code, "made to fail")
 
-    monkeypatch.setattr(disk_sync.os, "fsync", refuse)
+    monkeypatch.setattr(recorder_module.os, "fsync", refuse)
     recorder = recording(tmp_path / "bag")
     for k in range(1001):
         offer(recorder, k)

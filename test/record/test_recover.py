@@ -12,7 +12,7 @@ from small_bags import T0, TICK, file_of, payload_of, write_bag
 
 from hd_control.cli.main import main
 from hd_control.core.errors import BagError
-from hd_control.record.mcap_source import McapSource
+from hd_control.record.mcap_read import McapSource
 from hd_control.record.reader import BagReader
 from hd_control.record.recover import recover
 from hd_control.record.writer import BagWriter

@@ -9,9 +9,10 @@ import pytest
 from small_bags import RUN, T0, TICK, file_of, write_bag
 
 from hd_control.cli.main import main
+from hd_control.core.topics import TICK_NS
 from hd_control.record.cdr import TemperatureCodec
 from hd_control.record.reader import BagReader
-from hd_control.record.schema import TICK_NS, joint_state_codec
+from hd_control.record.schema import joint_state_codec
 from hd_control.record.summary import possible_channels, summarize
 from hd_control.record.writer import BagWriter
 

@@ -5,15 +5,15 @@ Tests are a file, or a file and ` -k expression`. Missing of the thirty: S25 and
 
 # ruff: noqa: E501 - pieces of code are quoted as they stand
 
-GATE = "hd_control/control/safety_gate.py"
-GUARD = "hd_control/control/guard.py"
-STAGE = "hd_control/stages/torque_stage.py"
-SEAM = "hd_sim/drive_seam.py"
-SENSORS = "hd_control/sensing/sensor_monitors.py"
-T_GATE, T_GUARD = "test/control/test_safety_gate.py", "test/control/test_guard.py"
-T_SENSORS, T_FAULTS = "test/sensing/test_sensor_monitors.py", "test/hd_sim/test_fault_campaign.py"
-T_SEAM, T_LONG_WAY = "test/hd_sim/test_drive_seam.py", "test/sensing/test_monitors_long_way.py"
-T_MOTION, T_BOX = "test/stages/test_degraded.py", "test/stages/test_black_box.py"
+GATE = "hd_control/safety/gate.py"
+GUARD = "hd_control/safety/guard.py"
+STAGE = "hd_control/chain/torque_stage.py"
+SEAM = "hd_sim/drive_side.py"
+SENSORS = "hd_control/safety/sensor_monitors.py"
+T_GATE, T_GUARD = "test/safety/test_safety_gate.py", "test/safety/test_guard.py"
+T_SENSORS, T_FAULTS = "test/safety/test_sensor_monitors.py", "test/hd_sim/test_fault_campaign.py"
+T_SEAM, T_LONG_WAY = "test/hd_sim/test_drive_seam.py", "test/safety/test_monitors_long_way.py"
+T_MOTION, T_BOX = "test/chain/test_degraded.py", "test/chain/test_black_box.py"
 QUICK = ("S1", "S2", "S3", "S4", "S8", "S9", "S10")
 """Names of those that the quick lane tries as well."""
 OUT_OF_SCOPE = {"S25": "no CAN bridge yet", "S26": "no CAN bridge yet", "S30": "no studio yet"}
@@ -130,7 +130,7 @@ BUGS = [
     ),
     (
         "stop that never decelerates",
-        "hd_control/control/controlled_stop.py",
+        "hd_control/safety/guard.py",
         "- limits.stop_deceleration * dt, 0.0)",
         ", 0.0)",
         T_GUARD,
@@ -144,7 +144,7 @@ BUGS = [
     ),
     (
         "goal never dropped",
-        "hd_control/stages/motion_stage.py",
+        "hd_control/chain/motion_stage.py",
         "LOST_TOLERANCE = 0.05",
         "LOST_TOLERANCE = 50.0",
         T_MOTION,
@@ -171,29 +171,29 @@ BUGS = [
         "            project(m.torsional_compliance, c * out.compliance_drive[j], p.adaptation_gain_compliance[j],\n"
         "                    p.torsional_compliance_low[j], p.torsional_compliance_high[j], T);",
         "            m.torsional_compliance + T * p.adaptation_gain_compliance[j] * c * out.compliance_drive[j];",
-        "test/control/test_torque.py test/control/test_torque_lyapunov.py",
+        "test/laws/test_torque.py test/laws/test_torque_lyapunov.py",
     ),
     (
         "S22 parameters judged one by one",
-        "hd_control/nodes/ros_parameters.py",
+        "hd_control/nodes/shell.py",
         "plain(self._set[change.name], change.value) for change in own})",
         "plain(self._set[change.name], change.value) for change in own[:1]})",
-        "test/nodes/test_parameter_desk.py",
+        "test/nodes/test_parameter_service.py",
     ),
     (
         "S23 goal limits at the points only",
-        "hd_control/control/goal_check.py",
+        "hd_control/laws/goals.py",
         "    found = path.extrema()\n",
         "    ends = _state(path, np.diff(path.knots) * path.period)\n"
         "    found = np.stack([x for part in ends for x in (part, part)], axis=2)\n",
-        "test/control/test_goal_check.py -k f22_each_refusal",
+        "test/laws/test_goal_check.py -k f22_each_refusal",
     ),
     (
         "S24 goal joints by place instead of name",
-        "hd_control/control/path.py",
+        "hd_control/laws/trajectory.py",
         "columns = [known.index(name) for name in names]",
         "columns = list(range(len(names)))",
-        "test/control/test_trajectory.py -k permuted",
+        "test/laws/test_trajectory.py -k permuted",
     ),
     (
         "S27 drops never written into the bag",
@@ -211,21 +211,21 @@ BUGS = [
     ),
     (
         "S29 chunks read without their checksum",
-        "hd_control/record/chunks.py",
+        "hd_control/record/mcap_read.py",
         "    if place.crc and zlib.crc32(data) != place.crc:",
         "    if False:",
         "test/record/test_damage.py -k checksums",
     ),
     (
         "reference at full speed while degraded",
-        "hd_control/stages/motion_stage.py",
+        "hd_control/chain/motion_stage.py",
         "        degraded = self.controller_mode == DEGRADED\n",
         "        degraded = False\n",
         T_MOTION,
     ),
     (
         "goals taken while degraded",
-        "hd_control/stages/motion_stage.py",
+        "hd_control/chain/motion_stage.py",
         "        if remedy is not None:",
         "        if remedy is None and False:",
         T_MOTION,
@@ -239,16 +239,16 @@ BUGS = [
     ),
     (
         "gains without a ramp",
-        "hd_control/stages/model_ramp.py",
+        "hd_control/chain/stage.py",
         "GAIN_TIME = 0.1",
         "GAIN_TIME = 0.0",
-        "test/stages/test_model_ramp.py -k f21_a_gain",
+        "test/chain/test_model_ramp.py -k f21_a_gain",
     ),
     (
         "stuck position sensor expected nowhere",
         "hd_control/cpp/monitors.hpp",
         "partner + twist[j] : partner - twist[j];",
         "partner + twist[j] : positions[i] - twist[j];",
-        "test/sensing/test_sensor_monitors.py -k f03",
+        "test/safety/test_sensor_monitors.py -k f03",
     ),
 ]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-GATE, GUARD, LOOP = (f"hd_control.control.{name}" for name in ("safety_gate", "guard", "adaptation_monitor"))
-SENSORS, STUCK = (f"hd_control.sensing.{name}" for name in ("sensor_monitors", "stuck_monitor"))
+GATE, GUARD, LOOP = (f"hd_control.laws.{name}" for name in ("safety_gate", "guard", "adaptation_monitor"))
+SENSORS, STUCK = (f"hd_control.safety.{name}" for name in ("sensor_monitors", "stuck_monitor"))
 SHORT_CUT = "a short cut: the lines behind it come to the same"
 EQUIVALENT: dict[tuple[str, str, str], str] = {
     (
@@ -51,7 +51,7 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
     (SENSORS, "if _monitors.all_near(motor, joint, limits.twist_limit):", "condition -> False"): SHORT_CUT,
     (SENSORS, "way = np.where(whole, travel, 1.0)", "1.0 -> 2.0"): "used only where the turn is whole",
     (STUCK, "if ordinary:", "condition -> False"): SHORT_CUT,
-    ("hd_control.control.slow_motion", "self.slope = 0.0", "0.0 -> 1.0"): "set anew by each step, before it is used",
+    ("hd_control.laws.trajectory", "self.slope = 0.0", "0.0 -> 1.0"): "set anew by each step, before it is used",
 }
 """Module, line of code, change: reason."""
 

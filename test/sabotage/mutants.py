@@ -17,20 +17,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-GATE = ("test/control/test_safety_gate.py",)
-GUARD = ("test/control/test_guard.py", "test/control/test_guard_ordinary.py")
-SENSORS = ("test/sensing/test_sensor_monitors.py", "test/sensing/test_monitors_long_way.py")
-DEGRADED = ("test/stages/test_degraded.py",)
+GATE = ("test/safety/test_safety_gate.py",)
+GUARD = ("test/safety/test_guard.py", "test/safety/test_guard_ordinary.py")
+SENSORS = ("test/safety/test_sensor_monitors.py", "test/safety/test_monitors_long_way.py")
+DEGRADED = ("test/chain/test_degraded.py",)
 MODULES = {
-    "hd_control.control.safety_gate": GATE,
-    "hd_control.control.gate_limits": GATE,
-    "hd_control.control.guard": GUARD,
-    "hd_control.control.guard_limits": GUARD,
-    "hd_control.control.controlled_stop": GUARD,
-    "hd_control.control.adaptation_monitor": GUARD,
-    "hd_control.sensing.sensor_monitors": SENSORS,
-    "hd_control.sensing.stuck_monitor": SENSORS,
-    "hd_control.control.slow_motion": DEGRADED,
+    "hd_control.safety.gate": GATE,
+    "hd_control.safety.limits": (*GATE, *GUARD),
+    "hd_control.safety.guard": GUARD,
+    "hd_control.safety.loop_monitors": GUARD,
+    "hd_control.safety.sensor_monitors": SENSORS,
+    "hd_control.laws.trajectory": DEGRADED,
 }
 """Module -> files of its tests, in the order in which they are tried."""
 NOTICED = (1, 2, -signal.SIGPROF)

@@ -2,7 +2,7 @@
 
     h' = A delta' - alpha |delta'| h,  tau = k delta + h        A N m/rad, alpha 1/rad, saturation A/alpha N m
     q = phi - tau/k + (A / (alpha k)) H,  H = h alpha / A in [-1, 1]
-    dH/dtau = a (s - H) / (1 + p (1 - s H))        a = alpha / k, p = A / k, s = sgn tau'
+    dH/d|tau| = a (s - H) / (1 + p (1 - s H))        a = alpha / k, p = A / k, s = sgn tau'
 
 the law of Dhaouadi, written over the torque, which is measured better than the torsion; exact. Valid for a linear
 elastic part and a hysteresis that does not depend on rate.

@@ -1,0 +1,273 @@
+"""How fast a ring of four processes is: the fast loop against the stock executor, and the real nodes.
+
+    ring(10.0)                  -> RingResult of this package's loop, paced at 1 kHz
+    stock_executor_ring(10.0)   -> the same ring with message objects, callbacks and a SingleThreadedExecutor
+    ring(5.0, lockstep=True)    -> as fast as it goes; `ticks_per_second` counts
+    robot_ring(10.0)            -> plant, fusion, motion and torque node at 1 kHz
+    lockstep_ticks_per_second() -> the same in lock-step
+
+In `ring` each echo copies seven numbers, so its figures are those of the transport and the loop,
+without the laws.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import subprocess
+import sys
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hd_control.core import topics
+from hd_control.core.errors import HdError
+from hd_control.nodes.process import prepare_environment, request_real_time, sleep_until, stop_on_signals
+from hd_control.record.schema import joint_state_codec
+from hd_control.session.session import FOUR, Children, RunPlan, Session, child_environment, log_folder
+
+JOINTS = tuple(f"joint_{i}" for i in range(1, 8))
+HOPS = (
+    (topics.ENCODER, topics.JOINT_STATES),
+    (topics.JOINT_STATES, topics.REQUIRED),
+    (topics.REQUIRED, topics.COMMAND),
+)
+WARM_UP = 200
+
+
+@dataclass(frozen=True)
+class RingResult:
+    """Round trip over four hops in µs of the ticks that came back in time, and the share that did not."""
+
+    p50: float
+    p99: float
+    missed_percent: float
+    ticks: int
+    ticks_per_second: float
+
+
+def ring(seconds: float = 10.0, period: float = 1e-3, lockstep: bool = False, real_time: bool = True) -> RingResult:
+    """The ring with this package's fast loop. Raises HdError if the processes do not find each other."""
+    return _run("fast", seconds, period, lockstep, real_time)
+
+
+def stock_executor_ring(seconds: float = 10.0, period: float = 1e-3, real_time: bool = True) -> RingResult:
+    """The same ring with rclpy's own executor and message objects."""
+    return _run("stock", seconds, period, False, real_time)
+
+
+def _run(kind: str, seconds: float, period: float, lockstep: bool, real_time: bool) -> RingResult:
+    environment = child_environment(domain=1 + secrets.randbelow(100), real_time=real_time)
+    command = [sys.executable, "-m", "hd_control.bench.ring", kind]
+    with Children(environment) as children:
+        for hop in range(len(HOPS)):
+            children.start(f"echo_{hop}", [*command, "echo", str(hop)])
+        source = children.start(
+            "source", [*command, "source", str(seconds), str(period), str(int(lockstep))], stdout=subprocess.PIPE
+        )
+        try:
+            text, _ = source.communicate(timeout=seconds + 60.0)
+        except subprocess.TimeoutExpired:
+            raise HdError(f"the {kind} ring did not finish within {seconds + 60:.0f} s") from None
+    if source.returncode != 0:
+        raise HdError(f"the {kind} ring failed with exit code {source.returncode}")
+    return RingResult(**json.loads(text.splitlines()[-1]))
+
+
+@dataclass(frozen=True)
+class RobotRingResult:
+    """The real nodes on the wall clock: sample to complete command in µs, ticks whose command was late or lost."""
+
+    p50: float
+    p99: float
+    missed_percent: float
+    ticks: int
+
+
+def robot_ring(
+    seconds: float = 10.0, one_process: bool = False, joint_groups: tuple[tuple[str, ...], ...] = ()
+) -> RobotRingResult:
+    """Plant, fusion, motion and torque node at 1 kHz; one thread with `one_process`. Raises HdError if they fail."""
+    nodes = ("chain",) if one_process else FOUR
+    with Session(RunPlan(nodes=nodes, joint_groups=joint_groups), 1 + secrets.randbelow(100), log_folder()) as session:
+        session.activate()
+        session.stay(500)
+        session.wait_for(lambda: "late" in session.diagnostics(session.plant_node), 10.0, "no diagnostics")
+        first = session.diagnostics(session.plant_node)
+        time.sleep(seconds)
+        last = session.diagnostics(session.plant_node)
+    ticks, late, skipped = (int(last[name]) - int(first[name]) for name in ("ticks", "late", "skipped"))
+    total = max(1, ticks + skipped)
+    p50, p99 = (float(last.get(name, "nan")) for name in ("answer_p50_us", "answer_p99_us"))
+    return RobotRingResult(p50, p99, 100.0 * (late + skipped) / total, total)
+
+
+def lockstep_ticks_per_second(ticks: int = 2000, one_process: bool = False, bag: Path | None = None) -> float:
+    """Ticks per second of the real nodes in lock-step, four processes or one thread; `bag` adds the recorder."""
+    nodes = ("chain",) if one_process else FOUR
+    plan = RunPlan(nodes=nodes, lockstep=True, bag=bag, parameters={nodes[-1]: {"pause_at_tick": WARM_UP}})
+    with Session(plan, 1 + secrets.randbelow(100), log_folder()) as session:
+        session.activate()
+        session.wait_until_tick(WARM_UP)
+        begun = time.monotonic()
+        session.run_to(WARM_UP + ticks, 600.0)
+        return ticks / (time.monotonic() - begun)
+
+
+class _Ring:
+    """What both kinds share: a node, the echo of one hop, the source's bookkeeping."""
+
+    def __init__(self, role: str) -> None:
+        import rclpy
+        from rclpy.signals import SignalHandlerOptions
+
+        prepare_environment()
+        request_real_time()
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        self.node = rclpy.create_node(f"ring_{role}")
+
+    def summary(self, trips: list[int], sent: int, elapsed: float) -> RingResult:
+        good = np.array(trips[WARM_UP:] or [np.nan]) / 1000.0
+        sent_counted = max(1, sent - WARM_UP)
+        missed = 100.0 * max(0, sent_counted - len(trips[WARM_UP:])) / sent_counted
+        return RingResult(float(np.percentile(good, 50)), float(np.percentile(good, 99)), missed, sent, sent / elapsed)
+
+
+class _FastRing(_Ring):
+    def echo(self, hop: int) -> None:
+        from sensor_msgs.msg import JointState
+
+        from hd_control.nodes.fast_loop import FastLoop, HandsOff, JoinedTurn, RawInput, chain_qos, make_message
+
+        source, target = HOPS[hop]
+        loop = FastLoop(self.node)
+        places = {array: range(len(JOINTS)) for array in topics.fields(target)}
+        encode = make_message(joint_state_codec(target, JOINTS), secrets.token_hex(8), places).encode
+        publish = self.node.create_publisher(JointState, target, chain_qos()).handle.publish_raw
+        numbers = np.zeros(len(JOINTS))
+
+        def act(tick: int, stamp_ns: int) -> None:
+            publish(encode(stamp_ns, numbers))
+
+        raw = RawInput(self.node, source, JOINTS, HandsOff())
+        destinations = [{topics.fields(source)[0]: [(numbers, range(len(JOINTS)))]}]
+        turn = JoinedTurn(loop, [raw], destinations, act, 1_000_000)
+        turn.active = True
+        stop_on_signals(loop.stop)
+        loop.install(turn)
+        loop.run()
+
+    def source(self, seconds: float, period: float, lockstep: bool) -> RingResult:
+        from sensor_msgs.msg import JointState
+
+        from hd_control.nodes.fast_loop import HandsOff, RawInput, Waiter, chain_qos
+
+        waiter = Waiter(self.node, 1)
+        back = RawInput(self.node, topics.COMMAND, JOINTS, HandsOff())
+        out = joint_state_codec(topics.ENCODER, JOINTS)
+        publisher = self.node.create_publisher(JointState, topics.ENCODER, chain_qos())
+        run_id, numbers, dt_ns = secrets.token_hex(8), np.arange(7.0), round(period * 1e9)
+
+        def send(tick: int) -> None:
+            publisher.handle.publish_raw(out.encode(tick * dt_ns, run_id, position=numbers))
+
+        def wait(tick: int, deadline: int) -> bool:
+            while (left := deadline - time.monotonic_ns()) > 0:
+                waiter.wait((back.subscription.handle,), left)
+                data = back.take()
+                if data is not None and back.codec.stamp_ns(data) == tick * dt_ns:
+                    return True
+            return False
+
+        return self.pace(send, wait, seconds, dt_ns, lockstep)
+
+    def pace(self, send: Any, wait: Any, seconds: float, dt_ns: int, lockstep: bool) -> RingResult:
+        tick = 0
+        while True:  # until the ring is closed
+            tick += 1
+            send(tick)
+            if wait(tick, time.monotonic_ns() + 100_000_000):
+                break
+            if tick > 300:
+                raise SystemExit("ring not closed")
+        trips: list[int] = []
+        sent, start = 0, time.monotonic_ns()
+        deadline = start + dt_ns
+        while time.monotonic_ns() - start < seconds * 1e9:
+            tick, sent = tick + 1, sent + 1
+            if not lockstep:
+                sleep_until(deadline)
+            begun = time.monotonic_ns()
+            send(tick)
+            if wait(tick, begun + 1_000_000_000 if lockstep else deadline + dt_ns):
+                trips.append(time.monotonic_ns() - begun)
+            deadline += dt_ns
+            while not lockstep and deadline + dt_ns < time.monotonic_ns():  # overslept: those ticks are missed
+                deadline, tick, sent = deadline + dt_ns, tick + 1, sent + 1
+        return self.summary(trips, sent, (time.monotonic_ns() - start) / 1e9)
+
+
+class _StockRing(_FastRing):
+    def echo(self, hop: int) -> None:
+        import rclpy
+        from sensor_msgs.msg import JointState
+
+        source, target = HOPS[hop]
+        publisher = self.node.create_publisher(JointState, target, 1)
+
+        def callback(message: JointState) -> None:
+            publisher.publish(message)
+
+        self.node.create_subscription(JointState, source, callback, 1)
+        try:
+            rclpy.spin(self.node)
+        except KeyboardInterrupt:
+            pass
+
+    def source(self, seconds: float, period: float, lockstep: bool) -> RingResult:
+        from rclpy.executors import SingleThreadedExecutor
+        from sensor_msgs.msg import JointState
+
+        publisher = self.node.create_publisher(JointState, topics.ENCODER, 1)
+        seen = [0]
+
+        def callback(message: JointState) -> None:
+            seen[0] = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+
+        self.node.create_subscription(JointState, topics.COMMAND, callback, 1)
+        executor = SingleThreadedExecutor()
+        executor.add_node(self.node)
+        dt_ns = round(period * 1e9)
+
+        def send(tick: int) -> None:
+            message = JointState(name=list(JOINTS), position=[0.0] * 7, effort=[0.0] * 7)
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(tick * dt_ns, 1_000_000_000)
+            publisher.publish(message)
+
+        def wait(tick: int, deadline: int) -> bool:
+            while (left := deadline - time.monotonic_ns()) > 0:
+                executor.spin_once(timeout_sec=left / 1e9)
+                if seen[0] == tick * dt_ns:
+                    return True
+            return False
+
+        return self.pace(send, wait, seconds, dt_ns, lockstep)
+
+
+def main() -> int:
+    kind, role, *rest = sys.argv[1:]
+    ring_kind = {"fast": _FastRing, "stock": _StockRing}[kind](f"{role}_{os.getpid()}")
+    if role == "echo":
+        ring_kind.echo(int(rest[0]))
+        return 0
+    result = ring_kind.source(float(rest[0]), float(rest[1]), bool(int(rest[2])))
+    print(json.dumps(asdict(result)), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

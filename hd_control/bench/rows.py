@@ -1,0 +1,276 @@
+"""Laws, chain and runner: µs per tick for seven joints, and how much faster than real time the whole robot runs."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hd_control.bench.measure import Result, Timed, summarise, time_each
+from hd_control.bench.peers import compiled_plant, mujoco_peer, numpy_peer
+from hd_control.chain.replay import complete_values, read_replay_bag, replay
+from hd_control.chain.stage import Bus
+from hd_control.core.errors import ConfigError
+from hd_control.core.topics import TICK_NS
+from hd_control.record.reader import BagReader
+from hd_control.record.schema import joint_state_codec
+from hd_control.record.writer import BagWriter
+from hd_control.safety.gate import safety_gate_compiled
+from hd_sim.plant_config import PlantConfig
+from hd_sim.recording import JOINT_TOPICS, RunRecording
+from hd_sim.runner import Runner, RunSetup
+
+# ----------------------------------------------------------------------------------------------------
+# The live graph: ring times at 1 kHz over four processes, lock-step ticks per second, start of the command line.
+
+
+def ring_rows(runs: int, seconds: float) -> list[Result]:
+    """`ring_p50`, `ring_p99`, `ring_missed` with the stock executor, and `one_process_p50`.
+
+    The peer pair is the same ring of four processes that copy seven numbers; `robot_…` rows are the real nodes.
+    """
+    from hd_control.bench.ring import ring, robot_ring, stock_executor_ring
+
+    ours = [ring(seconds) for _ in range(runs)]
+    stock = [stock_executor_ring(seconds) for _ in range(runs)]
+    robot = [robot_ring(seconds) for _ in range(runs)]
+    one = [robot_ring(seconds, one_process=True) for _ in range(runs)]
+    found = []
+    for name, unit, field in (
+        ("ring_p50", "us", "p50"),
+        ("ring_p99", "us", "p99"),
+        ("ring_missed", "%", "missed_percent"),
+    ):
+        found.append(summarise(name, unit, [getattr(result, field) for result in ours]))
+        found.append(summarise(name, unit, [getattr(result, field) for result in stock], "stock_executor"))
+        found.append(summarise(f"robot_{name}", unit, [getattr(result, field) for result in robot]))
+    return [*found, summarise("one_process_p50", "us", [result.p50 for result in one])]
+
+
+def lockstep_rows(runs: int) -> list[Result]:
+    """`lockstep_ros_ticks`: ticks per second over four processes."""
+    from hd_control.bench.ring import lockstep_ticks_per_second
+
+    return [summarise("lockstep_ros_ticks", "ticks/s", [lockstep_ticks_per_second() for _ in range(runs)])]
+
+
+def start_rows(runs: int) -> list[Result]:
+    """`cli_start`: s from process start to the end of `hd --help`."""
+    samples = []
+    for _ in range(runs):
+        start = time.perf_counter()
+        subprocess.run([sys.executable, "-m", "hd_control.cli.main", "--help"], capture_output=True, check=True)
+        samples.append(time.perf_counter() - start)
+    return [summarise("cli_start", "s", samples)]
+
+
+# ----------------------------------------------------------------------------------------------------
+
+
+WARM_TICKS = 300
+REPEAT = 200
+
+
+def warm_runner() -> tuple[Runner, Bus]:
+    """A robot that has settled after its start, and the topics of its last tick."""
+    runner = Runner(RunSetup(PlantConfig.from_file("arm_a")))
+    bus: Bus = {}
+    for _ in range(WARM_TICKS):
+        bus = runner.step()
+    return runner, {topic: {k: np.array(v) for k, v in arrays.items()} for topic, arrays in bus.items()}
+
+
+def _law(stage: Any) -> Callable[[], None]:
+    """The law's pure step alone, on the stage's present blocks."""
+    given = (stage.sample,) if stage.reference is None else (stage.sample, stage.reference)
+    step, params, state, dt = stage.law.step, stage.params, stage.state, stage.dt
+
+    def call() -> None:
+        for _ in range(REPEAT):
+            step(params, state, *given, dt)
+
+    return call
+
+
+def _gate(runner: Runner) -> Callable[[], None]:
+    stage = runner.torque
+    command = np.array(stage.gate_state.last_torque)
+    ages, ticks = np.zeros(command.size), np.full(command.size, float(runner.tick))
+    measured, limits, state = stage.guard.measured, stage.limits.gate, stage.gate_state
+
+    def call() -> None:
+        for _ in range(REPEAT):
+            safety_gate_compiled(command, measured, ages, ticks, limits, state)
+
+    return call
+
+
+def _chain(runner: Runner, bus: Bus) -> Callable[[], None]:
+    """The three stages with the gate, as a node or the runner calls them, on frozen sensor readings."""
+    first = runner.tick
+
+    def call() -> None:
+        nonlocal first
+        for tick in range(first, first + REPEAT):
+            topics = dict(bus)
+            for _, stage in runner.stages:
+                topics.update(stage.step(tick, topics))
+        first += REPEAT
+
+    return call
+
+
+def law_rows(runs: int) -> list[Result]:
+    """`step_fusion`, `step_motion`, `step_torque`, `step_gate`, `chain_compute`."""
+    runner, bus = warm_runner()
+    found = []
+    for name, call in (
+        ("step_fusion", _law(runner.fusion)),
+        ("step_motion", _law(runner.motion)),
+        ("step_torque", _law(runner.torque)),
+        ("step_gate", _gate(runner)),
+        ("chain_compute", _chain(runner, bus)),
+    ):
+        found += time_each(name, "us", [Timed(call, REPEAT)], runs)
+    return found
+
+
+def lockstep_row(runs: int, ticks: int = 2000) -> list[Result]:
+    """`lockstep_pure`: simulated seconds per s of processor time, full chain and plant, seven joints, no recording."""
+    samples = []
+    for _ in range(runs):
+        runner, _ = warm_runner()
+        start = time.process_time()
+        for _ in range(ticks):
+            runner.step()
+        samples.append(ticks * runner.period / (time.process_time() - start))
+    return [summarise("lockstep_pure", "x real time", samples)]
+
+
+# ----------------------------------------------------------------------------------------------------
+# Reading bags: messages per second from CDR to columns, beside rosbags raw and deserialised.
+
+
+RECORD_TICKS = 4000
+TOPIC = "encoder"
+
+
+def decode_rows(runs: int) -> list[Result]:
+    """`decode_messages` with its peers, on one recording of seven joints."""
+    with tempfile.TemporaryDirectory(prefix="hd_bench_") as folder:
+        path = Path(folder) / "bag"
+        record_run(path)
+        cases: list[tuple[str | None, Callable[[Path], int]]] = [
+            (None, _columns),
+            ("rosbags_raw", _rosbags_raw),
+            ("rosbags_deserialised", _rosbags_deserialised),
+        ]
+        samples: dict[str | None, list[float]] = {peer: [] for peer, _ in cases}
+        for _ in range(runs):
+            for peer, read in cases:
+                start = time.process_time()
+                count = read(path)
+                samples[peer].append(count / (time.process_time() - start))
+    return [summarise("decode_messages", "messages/s", values, peer) for peer, values in samples.items()]
+
+
+def record_run(path: Path, plant: str = "arm_a", ticks: int = RECORD_TICKS) -> None:
+    """Records a robot at rest without ROS."""
+    config = PlantConfig.from_file(plant)
+    runner = Runner(RunSetup(config))
+    with RunRecording(path, config.robot, config.period, {}) as recording:
+        for tick in range(ticks):
+            recording.observe(tick, runner.step())
+
+
+def bag_of(path: Path, joints: int, messages: int) -> Path:
+    """A bag with one topic of so many joints and messages."""
+    codec = joint_state_codec(TOPIC, [f"joint_{number}" for number in range(1, joints + 1)])
+    stamps = np.arange(messages, dtype=np.int64) * TICK_NS
+    with BagWriter(path, live=False) as bag:
+        bag.write_columns(TOPIC, codec, stamps, frame_id="0" * 16, position=np.ones((messages, joints)))
+    return path
+
+
+def _columns(path: Path) -> int:
+    with BagReader(path) as bag:
+        return sum(len(bag.columns(topic)) for topic in JOINT_TOPICS)
+
+
+def _rosbags_raw(path: Path) -> int:
+    from rosbags.rosbag2 import Reader
+
+    with Reader(path) as bag:
+        return sum(1 for _ in bag.messages())
+
+
+def _rosbags_deserialised(path: Path) -> int:
+    from rosbags.rosbag2 import Reader
+
+    from hd_control.record.cdr import typestore
+
+    store, count = typestore(), 0
+    with Reader(path) as bag:
+        for connection, _, data in bag.messages():
+            store.deserialize_cdr(data, connection.msgtype)
+            count += 1
+    return count
+
+
+# ----------------------------------------------------------------------------------------------------
+# The compiled plant beside numpy and MuJoCo: µs per simulated millisecond, seven joints, arm A in motion.
+
+
+def plant_rows(runs: int) -> tuple[list[Result], list[str]]:
+    """`plant_5_substeps` and `plant_10_substeps` with their peers; notes say which peer is not installed."""
+    config = PlantConfig.from_file("arm_a")
+    found, notes = [], []
+    for substeps in (5, 10):
+        cases = [Timed(_repeat(compiled_plant(config, substeps), 200), 200)]
+        cases.append(Timed(_repeat(numpy_peer(config, substeps), 1), 1, "numpy"))
+        try:
+            cases.append(Timed(_repeat(mujoco_peer(config, substeps), 50), 50, "mujoco"))
+        except ConfigError:
+            notes.append("mujoco is not installed: no peer row; install the extra `bench`")
+        found += time_each(f"plant_{substeps}_substeps", "us per simulated ms", cases, runs)
+    return found, notes[:1]
+
+
+def _repeat(call: Callable[[], None], times: int) -> Callable[[], None]:
+    def repeated() -> None:
+        for _ in range(times):
+            call()
+
+    return repeated
+
+
+# ----------------------------------------------------------------------------------------------------
+# Replay of a recording through the laws: processor time per joint and second of the recording.
+
+
+REPLAY_TICKS = 2000
+
+
+def replay_rows(runs: int) -> list[Result]:
+    """`replay_batch`: fusion, motion, torque and gate over a recording of seven joints, us CPU per joint-second."""
+    return [summarise("replay_batch", "us CPU per joint-second", replay_cost("arm_a", runs))]
+
+
+def replay_cost(plant: str, runs: int) -> list[float]:
+    """The cost in each run, us of processor time per joint and second."""
+    with tempfile.TemporaryDirectory(prefix="hd_bench_") as folder:
+        path = Path(folder) / "bag"
+        record_run(path, plant, REPLAY_TICKS)
+        bag = read_replay_bag(path)
+        values, found = complete_values(bag), []
+        for _ in range(runs):
+            start = time.process_time()
+            replay(bag, values)
+            found.append((time.process_time() - start) * 1e6 / (bag.robot.joints * bag.ticks.size * bag.period))
+    return found

@@ -1,1 +1,0 @@
-"""Control laws, trajectories, goal checks and the safety gate. Pure: no clock, no ROS, no files."""

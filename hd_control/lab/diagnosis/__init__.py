@@ -1,0 +1,1 @@
+"""Which physical effect a model lacks: candidates, held-out scores, search, claims, verdict."""

@@ -1,0 +1,244 @@
+"""Which physical effect is missing in the model of one joint: gates, search, refinement, rivals, leftover, verdict."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from hd_control.drive.effect import MOTOR, TORSION_FAMILY, TRANSMISSION, UNITS
+from hd_control.lab.balances.channels import JointEquations
+from hd_control.lab.diagnosis.candidates import Group
+from hd_control.lab.diagnosis.claims import beside, refuted, sure, unknown_in
+from hd_control.lab.diagnosis.corrections import Task, hunt
+from hd_control.lab.diagnosis.coverage import Coverage, Lack, coverage, lacks, unsupported
+from hd_control.lab.diagnosis.dictionary import Dictionary
+from hd_control.lab.diagnosis.fit import Bootstrap, Fit, RawRows
+from hd_control.lab.diagnosis.presliding import presliding
+from hd_control.lab.diagnosis.scores import Scores
+from hd_control.lab.diagnosis.search import Search, Selection
+from hd_control.lab.diagnosis.verdict import (
+    ADEQUATE,
+    CANNOT_TELL,
+    MISSING,
+    MISSING_AND_UNKNOWN,
+    UNKNOWN,
+    ChannelError,
+    Experiment,
+    JointDiagnosis,
+    NamedEffect,
+    Rival,
+    Unknown,
+    rivals,
+)
+
+
+def diagnose(task: Task, dictionary: Dictionary | None = None) -> JointDiagnosis:
+    """The verdict on one joint. `dictionary`: that of `hunt.prepare`, if it is there already."""
+    start = time.process_time()
+    found = coverage(task.equations)
+    blocked = {name for lack in lacks(found) for name in lack.channels}
+    open_channels = {name: c for name, c in task.equations.channels.items() if name not in blocked}
+    if _hopeless(task.equations, found) or not open_channels:
+        return _refusal(task, found, lacks(found), {}, time.process_time() - start)
+    if len(open_channels) < len(task.equations.channels):
+        task, dictionary = replace(task, equations=replace(task.equations, channels=open_channels)), None
+    search, selection = hunt(task, dictionary)
+    if TRANSMISSION in open_channels:
+        found = replace(found, compliance_error=_compliance_error(search, selection))
+    answer = _answer(task, found, lacks(found), search, selection)
+    return replace(answer, seconds=time.process_time() - start)
+
+
+def _compliance_error(search: Search, selection: Selection) -> float:
+    """How well the motion tells the compliance: beside a law or curve of the torsion over torque it is one number of
+    several of a curve, and says nothing of the motion."""
+    bare = tuple(g for g in selection if TRANSMISSION not in g.channels or not _bends(g))
+    return Fit.of(search.dictionary, search.scores, bare).relative_error(TRANSMISSION, "torsional_compliance")
+
+
+def _bends(group: Group) -> bool:
+    if group.curve is not None:
+        return group.curve.variable == "joint_torque"
+    return group.effect is not None and group.effect.family == TORSION_FAMILY
+
+
+def _hopeless(equations: JointEquations, found: Coverage) -> bool:
+    """True if there are too few rows to fit anything."""
+    return not equations.channels or found.duration < 3.0 or found.moving < 1.0
+
+
+def _refusal(
+    task: Task, found: Coverage, missing: list[Lack], channels: Mapping[str, ChannelError], seconds: float
+) -> JointDiagnosis:
+    return JointDiagnosis(
+        joint=task.equations.joint,
+        verdict=CANNOT_TELL,
+        effects=(),
+        unknown=None,
+        experiments=_experiments(missing),
+        channels=channels,
+        coverage=found,
+        notes=tuple(lack.what for lack in missing),
+        seconds=seconds,
+    )
+
+
+def _experiments(missing: list[Lack]) -> tuple[Experiment, ...]:
+    seen = dict.fromkeys((lack.purpose, lack.how) for lack in missing)
+    return tuple(Experiment(purpose, how) for purpose, how in seen)
+
+
+def _answer(task: Task, found: Coverage, missing: list[Lack], search: Search, selection: Selection) -> JointDiagnosis:
+    """Names, unknowns, refusals: what may be said of the selection."""
+    dictionary, scores = search.dictionary, search.scores
+    fit = Fit.of(dictionary, scores, selection)
+    raw = RawRows(dictionary, selection)
+    channels = _errors(fit, raw, scores, selection)
+    blocked = {name for lack in missing for name in lack.channels}
+    effects, denied, withdrawn = _effects(task, found, search, fit, raw, blocked)
+    effects += _near_reversals(task, fit, blocked)
+    unknown = unknown_in(fit, raw, search, selection, blocked)
+    effects = sure(effects, unknown, {group.name: group.channels for group in selection})
+    experiments = list(_experiments([*missing, *denied]))
+    for effect in effects:
+        experiments += _separating(task, effect)
+    verdict = _verdict(effects, unknown, bool(denied), blocked, {*found.acceleration_snr, *found.too_short})
+    if verdict == CANNOT_TELL:
+        effects, unknown = (), None
+    notes = (*(lack.what for lack in [*missing, *denied]), *withdrawn)
+    seen = {(e.purpose, e.how): e for e in experiments}
+    return JointDiagnosis(
+        task.equations.joint, verdict, effects, unknown, tuple(seen.values()), channels, found, notes, fit
+    )
+
+
+def _verdict(
+    effects: tuple[NamedEffect, ...], unknown: Unknown | None, denied: bool, blocked: set[str], channels: set[str]
+) -> str:
+    if effects:
+        return MISSING_AND_UNKNOWN if unknown else MISSING
+    if unknown:
+        return UNKNOWN
+    return CANNOT_TELL if denied or blocked & channels else ADEQUATE
+
+
+def _errors(fit: Fit, raw: RawRows, scores: Scores, selection: Selection) -> dict[str, ChannelError]:
+    before, after = raw.held_out_errors(scores, ()), raw.held_out_errors(scores, selection)
+    found = {}
+    for name, part in fit.dictionary.rows.items():
+        channel = fit.dictionary.equations.channels[name]
+        left = channel.left[part.usable]
+        measured = float(np.sqrt(np.mean((left - left.mean()) ** 2))) if left.size else float("nan")
+        found[name] = ChannelError(UNITS[name], measured, before[name], after[name], part.noise.deviation)
+    return found
+
+
+def _effects(
+    task: Task, found: Coverage, search: Search, fit: Fit, raw: RawRows, blocked: set[str]
+) -> tuple[tuple[NamedEffect, ...], list[Lack], list[str]]:
+    """The selected library effects that the recording can carry, most important first; what it cannot carry; and which
+    names were withdrawn, with the reason."""
+    selection = fit.selection
+    named = [group for group in selection if not group.is_curve]
+    if not named:
+        return (), [], []
+    bootstrap = Bootstrap(fit)
+    order: list[tuple[Group, float, float, tuple[Rival, ...]]] = []
+    denied: list[Lack] = []
+    for group in named:
+        assert group.effect is not None
+        lack = unsupported(group.effect, found, task.rated_torque)
+        if lack is not None or set(group.channels) <= blocked:
+            denied += [lack] if lack is not None else []
+            continue
+        support = search.support(group, tuple(g for g in selection if g is not group))
+        order.append((group, support.gain, support.t, tuple(rivals(search, selection, group))))
+    order.sort(key=lambda item: -item[1])
+    neighbours = beside(search, selection)
+    chosen: tuple[Group, ...] = ()
+    effects, withdrawn = [], list[str]()
+    before, whole = raw.held_out_errors(search.scores, ()), raw.held_out_errors(search.scores, selection)
+    for group, gain, t, others in order:
+        chosen = (*chosen, group)
+        after = raw.held_out_errors(search.scores, chosen)
+        named_effect = _named(task, fit, bootstrap, group, gain, t, others, before, after)
+        named_effect = replace(named_effect, beside=neighbours[group.name])
+        without = raw.held_out_errors(search.scores, tuple(g for g in selection if g is not group))
+        why_not = refuted(named_effect, group, without, whole)
+        if why_not is not None:
+            chosen, withdrawn = chosen[:-1], [*withdrawn, why_not]
+            continue
+        effects.append(named_effect)
+        before = after
+    refused = len(named) > len(order) and not denied
+    if refused:
+        what = "structure in channels that the motion cannot decide"
+        denied = [Lack(what, (), "what the motion cannot decide", "see the other experiments")]
+    return tuple(effects), denied, withdrawn
+
+
+def _named(
+    task: Task,
+    fit: Fit,
+    bootstrap: Bootstrap,
+    group: Group,
+    gain: float,
+    t: float,
+    others: tuple[Rival, ...],
+    before: Mapping[str, float],
+    after: Mapping[str, float],
+) -> NamedEffect:
+    assert group.effect is not None
+    effect = group.effect
+    floor = {name: part.noise.deviation for name, part in fit.dictionary.rows.items()}
+    channel = max(group.channels, key=lambda name: (before[name] ** 2 - after[name] ** 2) / floor[name] ** 2)
+    units = {parameter.name: parameter.unit for parameter in effect.parameters}
+    return NamedEffect(
+        name=effect.name,
+        title=effect.title,
+        confidence=1.0,
+        channel=channel,
+        gain=gain,
+        t=t,
+        error_before=before[channel],
+        error_after=after[channel],
+        parameters=bootstrap.parameters(group, task.context),
+        units=units,
+        evidence=f"{channel.replace('_', ' ')}: the residual {effect.evidence}",
+        rivals=others,
+    )
+
+
+def _near_reversals(task: Task, fit: Fit, blocked: set[str]) -> tuple[NamedEffect, ...]:
+    """Presliding, which only the rows near reversals show."""
+    effect = task.library.get("presliding")
+    found = None if effect is None or MOTOR in blocked or effect in [e for e, _ in task.known] else presliding(fit)
+    if effect is None or found is None:
+        return ()
+    return (
+        NamedEffect(
+            name=effect.name,
+            title=effect.title,
+            confidence=1.0,
+            channel=MOTOR,
+            gain=found.gain,
+            t=found.t,
+            error_before=found.error_before,
+            error_after=found.error_after,
+            parameters=found.parameters,
+            units={parameter.name: parameter.unit for parameter in effect.parameters},
+            evidence=f"motor torque: the residual {effect.evidence}",
+        ),
+    )
+
+
+def _separating(task: Task, effect: NamedEffect) -> list[Experiment]:
+    """Experiments that separate a named effect from those that it can be confused with here."""
+    cls = task.library[effect.name]
+    known = {confusion.effect: confusion.experiment for confusion in cls.confusions}
+    return [
+        Experiment(f"{effect.name} against {other}", known[other]) for other in effect.confusable_with if other in known
+    ]

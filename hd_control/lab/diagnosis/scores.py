@@ -1,0 +1,199 @@
+"""Held-out scores of any selection of groups, from the Gram matrices of the folds.
+
+Loss of a selection: half the whitened squared error on rows that were not used for its fit, in nats, summed over folds.
+A prior of a base coefficient counts as one more measurement, spread over the folds: what it absorbs is paid for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hd_control.core.arrays import FloatArray, IntArray
+from hd_control.lab.diagnosis.candidates import Group
+from hd_control.lab.diagnosis.dictionary import Blocks, Dictionary, Rows
+
+
+@dataclass(frozen=True)
+class Part:
+    """One channel by folds: Gram matrices (folds, k, k), right sides (folds, k) of its columns, squares (folds,)."""
+
+    gram: FloatArray
+    right: FloatArray
+    squares: FloatArray
+
+    @classmethod
+    def of(cls, rows: Rows) -> Part:
+        """From the rows themselves."""
+        folds = Blocks().folds
+        found = [(rows.columns[rows.fold == f], rows.left[rows.fold == f]) for f in range(folds)]
+        gram, right = (np.stack(each) for each in zip(*((x.T @ x, x.T @ y) for x, y in found), strict=True))
+        return cls(gram, right, np.array([y @ y for _, y in found]))
+
+    def scaled(self, columns: FloatArray, left: float) -> Part:
+        """The same with columns multiplied by `columns` (k,) and the left side by `left`."""
+        gram = self.gram * columns[:, None] * columns[None, :]
+        return Part(gram, self.right * columns * left, self.squares * left**2)
+
+    def replaced(self, rows: Rows, places: IntArray) -> Part:
+        """The same after the columns at some places have changed to those of `rows`."""
+        gram, right = self.gram.copy(), self.right.copy()
+        for fold in range(len(self.squares)):
+            mine = rows.fold == fold
+            x = rows.columns[mine]
+            cross = x.T @ x[:, places]
+            gram[fold][:, places] = cross
+            gram[fold][places, :] = cross.T
+            right[fold][places] = x[:, places].T @ rows.left[mine]
+        return Part(gram, right, self.squares)
+
+    def extended(self, rows: Rows) -> Part:
+        """The same with more columns behind, those that `rows` has beyond this part."""
+        folds, old = self.right.shape
+        size = rows.index.size
+        gram, right = np.zeros((folds, size, size)), np.zeros((folds, size))
+        gram[:, :old, :old], right[:, :old] = self.gram, self.right
+        return Part(gram, right, self.squares).replaced(rows, np.arange(old, size))
+
+
+class Scores:
+    """Fold-wise Gram matrices of a dictionary: (folds, p, p), right sides (folds, p), squares (folds,).
+
+    `parts`: those of the channels, if they are known already.
+    """
+
+    def __init__(self, dictionary: Dictionary, parts: Mapping[str, Part] | None = None) -> None:
+        self.dictionary = dictionary
+        self.parts = {n: Part.of(rows) for n, rows in dictionary.rows.items()} if parts is None else dict(parts)
+        folds, size = Blocks().folds, dictionary.size
+        self.gram = np.zeros((folds, size, size))
+        self.right = np.zeros((folds, size))
+        self.squares = np.zeros(folds)
+        for name, part in self.parts.items():
+            index = dictionary.rows[name].index
+            self.gram[:, index[:, None], index[None, :]] += part.gram
+            self.right[:, index] += part.right
+            self.squares += part.squares
+        self.ridge = dictionary.ridge
+        self._prior = dictionary.precision / dictionary.norm**2
+        self.gram[:, np.arange(size), np.arange(size)] += self._prior / folds
+        self.gram_all = self.gram.sum(axis=0)
+        self.right_all = self.right.sum(axis=0)
+        self.rest = self.gram_all - self.gram
+
+    def extended(self, dictionary: Dictionary) -> Scores:
+        """The scores of the same dictionary with more groups behind: only the new columns are multiplied."""
+        return Scores(dictionary, {name: part.extended(dictionary.rows[name]) for name, part in self.parts.items()})
+
+    def moved(
+        self,
+        dictionary: Dictionary,
+        columns: Mapping[str, float] | None = None,
+        left: Mapping[str, float] | None = None,
+        fresh: Collection[str] = (),
+        replaced: Mapping[str, IntArray] | None = None,
+    ) -> Scores:
+        """The scores of a dictionary that was made from this one without new columns; what did not change is kept.
+
+        By channel: its columns and its left side were multiplied by a number (`columns`, `left`), it has other rows
+        (`fresh`), or some of its coefficients have other columns (`replaced`).
+        """
+        old, parts = self.dictionary, {}
+        for name, rows in dictionary.rows.items():
+            if name in fresh:
+                parts[name] = Part.of(rows)
+                continue
+            factor = (columns or {}).get(name, 1.0) * old.norm[rows.index] / dictionary.norm[rows.index]
+            parts[name] = self.parts[name].scaled(factor, (left or {}).get(name, 1.0))
+            if name in (replaced or {}):
+                assert replaced is not None
+                parts[name] = parts[name].replaced(rows, np.flatnonzero(np.isin(rows.index, replaced[name])))
+        return Scores(dictionary, parts)
+
+    def train(self, index: IntArray) -> FloatArray:
+        """Coefficients (folds, k) of a selection, each fitted on the other folds."""
+        left = self.rest[:, index[:, None], index[None, :]]
+        left[:, np.arange(index.size), np.arange(index.size)] += self.ridge[index]
+        right = self.right_all[index] - self.right[:, index]
+        return np.asarray(np.linalg.solve(left, right[..., None])[..., 0])
+
+    def fit(self, index: IntArray) -> FloatArray:
+        """Coefficients (k,) of a selection, fitted on all folds."""
+        left = self.gram_all[np.ix_(index, index)].copy()
+        left[np.diag_indices(index.size)] += self.ridge[index]
+        return np.asarray(np.linalg.solve(left, self.right_all[index]))
+
+    def loss(self, index: IntArray) -> float:
+        """Held-out loss of a selection, nats."""
+        c = self.train(index)
+        grid = np.ix_(index, index)
+        total = 0.0
+        for fold in range(len(self.squares)):
+            quadratic = c[fold] @ self.gram[fold][grid] @ c[fold]
+            total += 0.5 * (self.squares[fold] - 2.0 * c[fold] @ self.right[fold][index] + quadratic)
+        return float(total)
+
+    def gains(self, index: IntArray, groups: Sequence[Group]) -> FloatArray:
+        """Held-out gain of each group added to a selection, nats. Elimination of the selection, fold by fold."""
+        gain = np.zeros(len(groups))
+        batches = [(place, np.stack([groups[i].index for i in place])) for place in _by_width(groups)]
+        for fold in range(len(self.squares)):
+            rows, g, r = self.rest[fold][index], self.gram[fold], self.right[fold]
+            s = rows[:, index].copy()
+            s[np.diag_indices(index.size)] += self.ridge[index]
+            rest = self.right_all - r
+            solved = np.linalg.solve(s, np.concatenate([rows, rest[index, None]], axis=1))
+            b, c = solved[:, :-1], solved[:, -1]
+            tested, seen = g[index], g[np.ix_(index, index)] @ b
+            train_right = rest - rows.T @ c
+            test_right = r - tested.T @ c - b.T @ (r[index] - g[np.ix_(index, index)] @ c)
+            half = seen - 2.0 * tested
+            for place, j in batches:
+                block = (j[:, :, None], j[:, None, :])
+                bj = b[:, j]
+                train = self.rest[fold][block] - np.einsum("kgi,kgj->gij", bj, rows[:, j])
+                test = g[block] + np.einsum("kgi,kgj->gij", bj, half[:, j])
+                train[:, np.arange(j.shape[1]), np.arange(j.shape[1])] += self.ridge[j]
+                d = np.linalg.solve(train, train_right[j][..., None])[..., 0]
+                quadratic = np.einsum("gi,gij,gj->g", d, test, d)
+                gain[place] += np.einsum("gi,gi->g", d, test_right[j]) - 0.5 * quadratic
+        return gain
+
+    def channel_losses(self, index: IntArray) -> dict[str, float]:
+        """Held-out loss of a selection by channel, nats."""
+        c = np.zeros((len(self.squares), self.dictionary.size))
+        c[:, index] = self.train(index)
+        found = {}
+        for name, part in self.parts.items():
+            own = c[:, self.dictionary.rows[name].index]
+            cross = np.einsum("fi,fi->f", own, part.right)
+            found[name] = 0.5 * float(
+                (part.squares - 2.0 * cross + np.einsum("fi,fij,fj->f", own, part.gram, own)).sum()
+            )
+        return found
+
+    def block_losses(self, index: IntArray) -> FloatArray:
+        """Held-out loss of a selection by block of time, (blocks,), channels added."""
+        c = self.train(index)
+        scaled = np.zeros((len(self.squares), self.dictionary.size))
+        scaled[:, index] = c
+        count = 1 + max(int(part.block.max(initial=0)) for part in self.dictionary.rows.values())
+        losses = np.zeros(count)
+        for part in self.dictionary.rows.values():
+            mine = np.flatnonzero(np.any(scaled[:, part.index] != 0.0, axis=0))
+            x = part.columns[:, mine]
+            for fold in range(len(self.squares)):
+                rows = part.fold == fold
+                error = part.left[rows] - x[rows] @ scaled[fold, part.index[mine]]
+                np.add.at(losses, part.block[rows], 0.5 * error**2)
+        prior = 0.5 * float(np.mean(c**2 @ self._prior[index]))
+        losses[losses > 0.0] += prior / max(1, int(np.count_nonzero(losses)))
+        return losses
+
+
+def _by_width(groups: Sequence[Group]) -> list[IntArray]:
+    """Places of the groups that have equally many coefficients, together."""
+    widths = np.array([group.index.size for group in groups])
+    return [np.flatnonzero(widths == width) for width in np.unique(widths)]

@@ -1,0 +1,1 @@
+"""Where a residual is large: over speed, load, position and frequency."""

@@ -1,0 +1,257 @@
+"""Delays between a joint's signals: the shift in time with which the balances fit best.
+
+    q(t + D) - phi = tau_s / k + ...
+    u(t + D) = tau_s + I phi'' + friction
+    tau_s(t + D) = J q'' + g(q) + friction
+
+The shift is exact (in the frequency domain); what is left at each shift follows from one projection.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hd_control.core.arrays import BoolArray, FloatArray
+from hd_control.lab.signals.filters import EDGE_S, Band, Spectral, band_for, fill_gaps
+from hd_control.lab.signals.joint_signals import JointSignals
+
+# ----------------------------------------------------------------------------------------------------
+# Signals of one joint at low frequency, with exact derivatives and shifts in time: what checks of signs, units and
+# delays are made of.
+
+
+BAND = (8.0, 12.0)
+"""Hz, flat and zero: rigid motion, gravity and friction; above it the noise of second derivatives begins."""
+SPEED_BAND = (30.0, 50.0)
+STANDSTILL = 0.01
+"""rad/s over which the direction of motion changes its sign."""
+FEWEST_ROWS = 60
+
+
+class SlowRows:
+    """Band-limited rows of the signals that a joint has. `usable` (rows,): no gap and no edge near."""
+
+    def __init__(self, signals: JointSignals, gear_ratio: float) -> None:
+        """Motor shaft angles are divided by the gear ratio."""
+        self.period, self.present = signals.period, set(signals.present)
+        self.spectral = Spectral(signals.time.size, signals.period)
+        self.band = band_for(signals.period, *BAND)
+        bins = self.spectral.frequency.size // self.band.step + 1  # the rows see no higher ones
+        self._frequency, self._hold = self.spectral.frequency[:bins], self.spectral.hold()[:bins]
+        self._spectra = {}
+        bad = ~np.asarray(signals.valid)
+        for name in ("motor_shaft_position", "joint_position", "gauge_torque", "motor_torque"):
+            column = getattr(signals, name)
+            if column is None:
+                continue
+            bad = bad | ~np.isfinite(column)
+            scale = 1.0 / gear_ratio if name == "motor_shaft_position" else 1.0
+            self._spectra[name] = self.spectral.transform(scale * fill_gaps(column))
+        self.usable = self._usable(bad)
+        self.position = "motor_shaft_position" if "motor_shaft_position" in self.present else "joint_position"
+        self._direction = self._direction_rows()
+
+    def rows(self, name: str, derivative: int = 0, advance: float = 0.0) -> FloatArray:
+        """(rows,) of a signal's derivative, read `advance` seconds later; torque commands count as held."""
+        factor = np.exp(2j * np.pi * advance * self._frequency)
+        if name == "motor_torque":
+            factor = factor * self._hold
+        spectrum, trend = self._spectra[name]
+        return self.spectral.back(spectrum, trend, self.band, derivative, factor)[:, 0]
+
+    def friction(self) -> list[FloatArray]:
+        """Direction and velocity of the motion, filtered like everything else, (rows,) each."""
+        return [self._direction, self.rows(self.position, 1)]
+
+    def link(self) -> list[FloatArray]:
+        """Columns of a single link: acceleration, sine and cosine of the angle, one."""
+        q = self.rows(self.position)
+        return [self.rows(self.position, 2), np.sin(q), np.cos(q), np.ones(q.size)]
+
+    def _direction_rows(self) -> FloatArray:
+        spectrum, trend = self._spectra[self.position]
+        fast = band_for(self.period, *SPEED_BAND)
+        velocity = self.spectral.back(spectrum, trend, Band(fast.flat, fast.zero), 1)[:, 0]
+        return self.spectral.filter(np.tanh(velocity / STANDSTILL), self.band)
+
+    def _usable(self, bad: BoolArray) -> BoolArray:
+        edge, margin = round(EDGE_S / self.period), round(self.band.support_s / self.period)
+        bad = bad.copy()
+        bad[:edge] = bad[bad.size - edge :] = True
+        count = np.concatenate([[0], np.cumsum(bad)])
+        index = np.arange(0, bad.size, self.band.step)
+        low, high = np.maximum(index - margin, 0), np.minimum(index + margin + 1, bad.size)
+        return np.asarray(count[high] == count[low])
+
+
+@dataclass(frozen=True)
+class Regression:
+    """Least squares on the usable rows: coefficients (k,), root of their covariance (k, k), RMS of the left side about
+    its mean and of what is left."""
+
+    coefficients: FloatArray
+    root: FloatArray
+    spread: float
+    rest: float
+
+    def error(self, index: int) -> float:
+        """Standard error of a coefficient."""
+        return float(np.linalg.norm(self.root[index]))
+
+    def t(self, index: int) -> float:
+        """Coefficient over its standard error."""
+        return float(self.coefficients[index]) / max(1e-300, self.error(index))
+
+    def t_of(self, weights: FloatArray) -> float:
+        """The weighted sum of the coefficients over its standard error."""
+        return float(weights @ self.coefficients) / max(1e-300, float(np.linalg.norm(weights @ self.root)))
+
+
+def regress(left: FloatArray, columns: Sequence[FloatArray], usable: BoolArray) -> Regression:
+    """Coefficients of the columns (rows,) for the left side (rows,). The errors allow for correlated residuals.
+
+    Columns that are (almost) a combination of the others get a huge standard error instead of a number by chance.
+    """
+    y, a = left[usable], np.column_stack(columns)[usable]
+    scale = np.sqrt((a**2).mean(axis=0)) + 1e-300
+    u, s, vt = np.linalg.svd(a / scale, full_matrices=False)
+    s = np.maximum(s, 1e-9 * s[0])
+    solution = vt.T @ ((u.T @ y) / s)
+    residual = y - (a / scale) @ solution
+    variance = float(residual @ residual) / max(1, y.size - s.size) * _independent(residual)
+    root = np.sqrt(variance) * (vt.T / s) / scale[:, None]
+    return Regression(solution / scale, root, float(y.std()), float(np.sqrt(np.mean(residual**2))))
+
+
+def _independent(residual: FloatArray) -> float:
+    """Rows per independent row, from the first lags of the autocorrelation."""
+    centred = residual - residual.mean()
+    power = float(centred @ centred)
+    if power <= 0.0 or centred.size < 8:
+        return 1.0
+    total = 1.0
+    for lag in range(1, centred.size // 4):
+        correlation = float(centred[lag:] @ centred[:-lag]) / power
+        if correlation < 0.05:
+            break
+        total += 2.0 * correlation
+    return total
+
+
+# ----------------------------------------------------------------------------------------------------
+
+
+LONGEST_S, STEP_S = 0.1, 2e-3
+"""Range and step of the search."""
+SMALLEST = 2.0
+"""Samples; a shorter delay is not worth a sentence."""
+GAIN, REST = 0.85, 0.12
+"""What may be left after the shift at most, of what was left before and of the signal."""
+SURE = 3.0
+"""Standard errors by which a delay must exceed `SMALLEST`."""
+LEAST_MOTION, FEWEST_LINES = 0.3, 6.0
+"""rad, and lines in the spectra of speed and acceleration: on one sine a delay looks like friction."""
+
+
+@dataclass(frozen=True)
+class Shift:
+    """The best shift of a signal in s (positive: it is late) with its standard error, and what is left there: over
+    what is left without it (`gain`) and over the signal (`rest`). `inside`: it is no end of the search."""
+
+    name: str
+    seconds: float
+    error: float
+    gain: float
+    rest: float
+    inside: bool
+
+    def long(self, period: float) -> bool:
+        """True if the shift is surely more than `SMALLEST` samples."""
+        return abs(self.seconds) > SMALLEST * period + SURE * self.error
+
+    def counts(self, period: float) -> bool:
+        """True if the data show that the signal is shifted by more than `SMALLEST` samples."""
+        return self.long(period) and self.inside and self.gain < GAIN and self.rest < REST
+
+    def words(self, period: float) -> str:
+        """`gauge_torque 3.1 ms (3.1 samples) late`."""
+        size, how = abs(self.seconds), "late" if self.seconds > 0.0 else "early"
+        return f"{self.name} {1e3 * size:.3g} ms ({size / period:.1f} samples) {how}"
+
+
+def delay_sentences(rows: SlowRows) -> list[str]:
+    """Signals that come late or early by more than two samples, with the amount."""
+    if float(np.ptp(rows.rows(rows.position)[rows.usable])) < LEAST_MOTION or _lines(rows) < FEWEST_LINES:
+        return []
+    return _between_positions(rows) or _of_torques(rows)
+
+
+def _lines(rows: SlowRows) -> float:
+    """Effective number of spectral lines of speed or acceleration, whichever has fewer."""
+    found = []
+    for derivative in (1, 2):
+        motion = rows.rows(rows.position, derivative) * rows.usable
+        power = np.abs(np.fft.rfft(motion * np.hanning(motion.size))) ** 2
+        found.append(float(power.sum() ** 2 / max(1e-300, float((power**2).sum()))))
+    return min(found)
+
+
+def _between_positions(rows: SlowRows) -> list[str]:
+    if not {"motor_shaft_position", "joint_position"} <= rows.present:
+        return []
+    torque = (
+        [rows.rows("gauge_torque"), rows.rows("gauge_torque", 1)] if "gauge_torque" in rows.present else rows.link()
+    )
+    columns = [*torque, np.ones(rows.usable.size)]
+    shift = best_shift(rows, "joint_position", columns, minus=rows.rows("motor_shaft_position"))
+    return [_sentence(shift.words(rows.period), "against motor_shaft_position")] if shift.counts(rows.period) else []
+
+
+def _of_torques(rows: SlowRows) -> list[str]:
+    names = [name for name in ("motor_torque", "gauge_torque") if name in rows.present]
+    one, motion = np.ones(rows.usable.size), [rows.rows(rows.position, 2), *rows.friction()]
+    if len(names) < 2:
+        columns = [*rows.link(), *rows.friction()]
+        shifts = [best_shift(rows, name, columns) for name in names]
+    else:
+        shifts = [best_shift(rows, name, [rows.rows(other), *motion, one]) for name, other in (names, names[::-1])]
+    shifts.sort(key=lambda shift: shift.gain)
+    # A late motor torque and an early gauge often explain the same: then both are said, or none if one is short.
+    close = [shift for shift in shifts if shift.gain < 1.25 * shifts[0].gain]
+    if not shifts or not shifts[0].counts(rows.period) or not all(shift.long(rows.period) for shift in close):
+        return []
+    likely = [shift for shift in close if shift.counts(rows.period)]
+    return [_sentence(" or ".join(shift.words(rows.period) for shift in likely), "against the motion")]
+
+
+def _sentence(what: str, against: str) -> str:
+    return f"shifted in time: {what} {against}; a delay between the signals, or of the drive"
+
+
+def best_shift(rows: SlowRows, name: str, columns: Sequence[FloatArray], minus: FloatArray | None = None) -> Shift:
+    """The shift at which the columns (rows,) explain the signal (less `minus`) best, refined by a parabola."""
+    basis, _ = np.linalg.qr(np.column_stack(columns)[rows.usable])
+    step = max(STEP_S, rows.period)
+    count = int(LONGEST_S / step)
+    shifts = step * np.arange(-count, count + 1)
+
+    def left(shift: float) -> float:
+        y = rows.rows(name, 0, shift)[rows.usable]
+        y = y if minus is None else y - minus[rows.usable]
+        return float(np.sum((y - basis @ (basis.T @ y)) ** 2))
+
+    squares = np.array([left(float(shift)) for shift in shifts])
+    best = int(np.argmin(squares))
+    inside = 0 < best < squares.size - 1
+    seconds = float(shifts[best])
+    if inside:
+        before, here, after = squares[best - 1 : best + 2]
+        seconds += 0.5 * step * float((before - after) / max(1e-300, before - 2.0 * here + after))
+    y, slope = rows.rows(name, 0, seconds), rows.rows(name, 1, seconds)
+    fit = regress(y if minus is None else y - minus, [slope, *columns], rows.usable)
+    gain = fit.rest / max(1e-300, float(np.sqrt(squares[count] / rows.usable.sum())))
+    rest = fit.rest / max(1e-300, float(rows.rows(name)[rows.usable].std()))
+    return Shift(name, seconds, fit.error(0), gain, 0.0 if minus is not None else rest, inside)

@@ -1,1 +1,0 @@
-"""From raw sensors to one state estimate: encoders, gauge bridge, derivative filter, fusion law."""

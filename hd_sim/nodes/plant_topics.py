@@ -1,0 +1,181 @@
+"""The plant's topics, and what the plant says of itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState, Temperature
+from std_msgs.msg import String, UInt64
+
+from hd_control import _messages
+from hd_control._messages import COMPLETE, FOREIGN, REPEATED, STALE
+from hd_control.core import topics
+from hd_control.core.arrays import FloatArray
+from hd_control.core.blocks import Block
+from hd_control.core.faults import Action, Fault, FaultCode
+from hd_control.nodes.fast_loop import add_input, chain_qos, latched_qos
+from hd_control.nodes.shell import ERROR, OK, WARN, Shell
+from hd_control.nodes.stage_shell import Output
+from hd_control.record.cdr import ClockCodec, JointStateCodec, TemperatureCodec
+from hd_sim.nodes.plant_turn import PlantTurn
+from hd_sim.world import World, sensor_places
+
+# ----------------------------------------------------------------------------------------------------
+# `motor_torque_command` from one torque node or several, merged by joint name.
+
+
+class _Source:
+    """One publisher, bound by its run id: its joints in the robot's order, and the torque that it sent last."""
+
+    def __init__(self, names: Sequence[str], codec: JointStateCodec, joints: Sequence[int], dt_ns: int) -> None:
+        self.taken = set(joints)
+        self.joints: Any = slice(None) if list(joints) == list(range(len(names))) else np.array(joints)
+        self.torque = np.zeros(len(joints))
+        self.join = _messages.Join(dt_ns)
+        add_input(self.join, codec, {"effort": [(self.torque, range(len(joints)))]})
+
+
+class CommandInput:
+    """Takes every waiting command. The first publisher of a joint is bound by its run id; another one is foreign.
+
+    `may_rebind()` says when a bound publisher may be replaced: only while the robot is stopped.
+    """
+
+    def __init__(self, node: Shell, joint_names: Sequence[str], dt_ns: int, may_rebind: Callable[[], bool]) -> None:
+        self._names, self._may_rebind, self._dt_ns = tuple(joint_names), may_rebind, dt_ns
+        depth = chain_qos(4 * len(joint_names))
+        self.subscription = node.create_subscription(
+            JointState, topics.COMMAND, lambda _: None, depth, callback_group=node.group, raw=True
+        )
+        self._take = self.subscription.handle.take_message
+        self._sources: list[_Source] = []
+        self.foreign = 0
+
+    def drain(self, use: Callable[[Any, FloatArray, int], None]) -> None:
+        """Calls `use(joints, torque, tick)` for every waiting command of a bound publisher."""
+        while (taken := self._take(JointState, True)) is not None:
+            source = self._source(taken[0])
+            if source is None:
+                self.foreign += 1
+            else:
+                use(source.joints, source.torque, source.join.tick)
+
+    def release(self) -> None:
+        """Forgets all publishers."""
+        self._sources = []
+
+    def _source(self, data: bytes) -> _Source | None:
+        """The publisher of a message, whose torque and tick are then those of the message."""
+        for source in self._sources:
+            outcome = source.join.offer(0, data)
+            if outcome in (COMPLETE, STALE, REPEATED):
+                return source
+            if outcome == FOREIGN:
+                if not self._may_rebind():
+                    return None
+                self._sources.remove(source)
+                break
+        return self._bind(data)
+
+    def _bind(self, data: bytes) -> _Source | None:
+        """A new publisher, unless its layout is unusable or one of its joints has a publisher already."""
+        message = deserialize_message(data, JointState)
+        names, run_id = list(message.name), message.header.frame_id
+        if not run_id or not names or not set(names) <= set(self._names) or len(set(names)) != len(names):
+            return None
+        fields = {name: len(getattr(message, name)) for name in ("position", "velocity", "effort")}
+        if fields["effort"] != len(names) or any(count not in (0, len(names)) for count in fields.values()):
+            return None
+        joints = [self._names.index(name) for name in names]
+        others = [source for source in self._sources if source.taken & set(joints)]
+        if others and not self._may_rebind():
+            return None
+        codec = JointStateCodec(names, len(run_id.encode()), **{name: count > 0 for name, count in fields.items()})
+        source = _Source(self._names, codec, joints, self._dt_ns)
+        if source.join.offer(0, data) != COMPLETE:
+            return None
+        self._sources = [each for each in self._sources if each not in others] + [source]
+        return source
+
+
+# ----------------------------------------------------------------------------------------------------
+
+
+class TopicSeam:
+    """The plant's topics."""
+
+    def __init__(self, node: Shell, world: World, lockstep: bool) -> None:
+        names = world.joint_names
+        self._node, self._world, self._dt_ns = node, world, node.dt_ns
+        places = sensor_places(world.seam.sample())
+        self._outputs = [Output(node, topic, names, places[topic]) for topic in topics.SENSORS]
+        self.sensor_publishers = [output.publisher for output in self._outputs]
+        self._temperature = node.create_publisher(Temperature, topics.TEMPERATURE, chain_qos(2 * len(names)))
+        self._temperature_codecs = [TemperatureCodec(name) for name in names]
+        self._clock = node.create_publisher(Clock, topics.CLOCK, chain_qos()) if lockstep else None
+        self._clock_codec = ClockCodec()
+        self._progress = node.create_publisher(UInt64, "~/progress", latched_qos())
+        self._description = node.create_publisher(String, topics.DESCRIPTION, latched_qos())
+        self._description.publish(String(data=node.robot.urdf))
+        self.commands = CommandInput(node, names, node.dt_ns, lambda: world.seam.stopped)
+        self._behind = node.create_subscription(
+            UInt64, topics.PROGRESS, lambda _: None, latched_qos(), callback_group=node.group
+        )
+        self._recorded = -1
+
+    def send(self, tick: int, stamp_ns: int, sample: Block) -> None:
+        for output in self._outputs:
+            output.publish(stamp_ns, sample.array)
+        if self._clock is not None:
+            self._clock.handle.publish_raw(self._clock_codec.encode(stamp_ns))
+
+    def send_temperature(self, stamp_ns: int, temperature: Any) -> None:
+        for codec, name, value in zip(self._temperature_codecs, self._world.joint_names, temperature, strict=True):
+            self._temperature.handle.publish_raw(codec.encode(stamp_ns, name, temperature=value))
+
+    def collect(self, timeout_ns: int) -> None:
+        if timeout_ns > 0:
+            self._node.loop.waiter.wait((self.commands.subscription.handle,), timeout_ns)
+        self.commands.drain(self._world.command)
+
+    def recorded(self) -> int:
+        while (taken := self._behind.handle.take_message(UInt64, False)) is not None:
+            self._recorded = taken[0].data
+        return self._recorded
+
+    def progress(self, tick: int) -> None:
+        self._progress.publish(UInt64(data=tick))
+
+    def publishers(self) -> list[str]:
+        """Full names of all nodes that publish commands, from the graph."""
+        found = self._node.get_publishers_info_by_topic(self.commands.subscription.topic_name)
+        return sorted(f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in found)
+
+    def destroy(self) -> None:
+        """Removes the topics."""
+        for publisher in (*self.sensor_publishers, self._temperature, self._progress, self._description):
+            self._node.destroy_publisher(publisher)
+        for subscription in (self.commands.subscription, self._behind):
+            self._node.destroy_subscription(subscription)
+        if self._clock is not None:
+            self._node.destroy_publisher(self._clock)
+
+
+def plant_status(turn: PlantTurn, world: World, seam: TopicSeam) -> tuple[bytes, str, dict[str, Any]]:
+    """Level, one line and values for diagnostics."""
+    stop, values = world.report()
+    turn.statistics.foreign = seam.commands.foreign
+    values = turn.statistics.summary() | values | {"tick": turn.tick, "skipped": turn.skipped}
+    if seam.commands.foreign:  # the run id of a message tells that there is another source, the graph who it may be
+        names = seam.publishers()
+        fault = Fault(FaultCode.TWO_PUBLISHERS, -1, len(names), 1.0, Action.REPORT)
+        values["two_publishers"] = f"{fault.text()} There are {', '.join(names)}; {seam.commands.foreign} dropped."
+    if stop or turn.fault:
+        return ERROR, "; ".join(filter(None, [turn.fault, stop])), values
+    return (
+        (WARN, "late or foreign commands", values) if world.seam.late or turn.statistics.foreign else (OK, "", values)
+    )

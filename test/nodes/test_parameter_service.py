@@ -1,0 +1,103 @@
+"""Live parameters (F20, F21): a change is judged as a whole, before it has any effect; refusals change nothing."""
+
+import re
+from types import SimpleNamespace
+
+import pytest
+from rclpy.parameter import Parameter as RosParameter
+
+from hd_control.core.errors import ConfigError
+from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
+from hd_control.nodes.shell import ParameterDesk
+
+SET = ParameterSet(
+    "node",
+    (
+        Parameter("stiffness", "k_f", "N m/rad", low=0.0, open_low=True, change=Change.HOT),
+        Parameter("rate", "lambda", "1/(N m s)", low=0.0, change=Change.HOT),
+        Parameter("gain", "a gain", shape=Shape.PER_JOINT, low=0.0, change=Change.HOT),
+        Parameter("law", "a law", kind=str, choices=("a", "b")),
+    ),
+    (lambda v: [] if v["stiffness"] * v["rate"] < 1.0 else ["loop gain >= 1"],),
+)
+SHIPPED = {"stiffness": 100.0, "rate": 0.005, "gain": [1.0, 2.0], "law": "a"}
+
+
+class FakeNode:
+    """As much of a node as the desk uses."""
+
+    def __init__(self):
+        self._parameter_overrides, self.stored, self.callbacks = {}, {}, {}
+
+    def get_name(self):
+        return "fake"
+
+    def get_parameter(self, name):
+        return SimpleNamespace(value=self.stored[name])
+
+    def declare_parameter(self, name, value, descriptor, ignore_override):
+        self.stored[name] = value
+
+    def __getattr__(self, name):
+        if name.startswith("add_"):
+            return lambda function: self.callbacks.__setitem__(name, function)
+        raise AttributeError(name)
+
+    def set(self, **values):
+        """What rclpy does with a set of changes: to the declared types, judged, then stored and told."""
+        changes = [RosParameter(name, value=value) for name, value in values.items()]
+        changes = self.callbacks["add_pre_set_parameters_callback"](changes)
+        result = self.callbacks["add_on_set_parameters_callback"](changes)
+        if result.successful:
+            self.stored.update({change.name: change.value for change in changes})
+            self.callbacks["add_post_set_parameters_callback"](changes)
+        return result
+
+
+def desk(active=True, prepare=lambda values: values):
+    node, taken = FakeNode(), []
+    made = ParameterDesk(node, SET, SHIPPED, 2, lambda: active, prepare, lambda values, ready: taken.append(values))
+    return node, made, taken
+
+
+def test_f20_values_that_are_right_only_together_are_taken_together():
+    node, made, taken = desk()
+    assert node.set(stiffness=1000.0, rate=0.0005).successful
+    assert (taken[-1]["stiffness"], taken[-1]["rate"], made.changes) == (1000.0, 0.0005, 1)
+    assert not node.set(stiffness=1000.0, rate=0.005).successful, "each alone would be right with the old other one"
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"rate": 0.02}, "loop gain"),
+        ({"stiffness": -1.0, "rate": 0.001}, "stiffness: -1"),
+        ({"gain": [1.0]}, "1 values, expected 2"),
+        ({"gain": [1.0, float("nan")]}, r"gain\[1\]"),
+        ({"gain": [3.0, 4.0], "rate": float("inf")}, "rate"),
+    ],
+)
+def test_f20_a_refusal_changes_nothing_and_is_counted(change, says):
+    node, made, taken = desk()
+    before = dict(node.stored)
+    result = node.set(**change)
+    assert not result.successful and taken == [] and node.stored == before == made.values()
+    assert re.search(says, result.reason) and made.last_refusal == result.reason
+    assert (made.changes, made.refusals) == (0, 1)
+
+
+def test_f21_a_value_that_needs_inactive_is_refused_while_active():
+    node, made, taken = desk(active=True)
+    result = node.set(law="b", gain=[5.0, 6.0])
+    assert not result.successful and "law: 'a' stays, a change needs INACTIVE" in result.reason
+    assert taken == [] and node.stored["gain"] == [1.0, 2.0]
+    node, made, taken = desk(active=False)
+    assert node.set(law="b").successful and taken[-1]["law"] == "b"
+
+
+def test_f20_what_the_law_cannot_prepare_is_refused():
+    def prepare(values):
+        raise ConfigError("the law says no")
+
+    node, made, taken = desk(prepare=prepare)
+    assert node.set(rate=0.001).reason == "the law says no" and taken == []
