@@ -91,7 +91,7 @@ ROS = {
 ROS_ALLOWED = (
     "hd_control.nodes",
     "hd_control.session",
-    "hd_control.bench",
+    "hd_control.bench.ring",
     "hd_control.pages.node_facts",
     "hd_sim.nodes",
 )

@@ -98,7 +98,7 @@ def _call(joint: str) -> Any:
     return _JOB(joint)
 
 
-def tell_recording(arguments: argparse.Namespace, recording: Recording) -> None:
+def report_recording(arguments: argparse.Namespace, recording: Recording) -> None:
     """Problems and notes of the recording, for people."""
     from hd_control.cli.options import say
 

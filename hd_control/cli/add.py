@@ -17,7 +17,7 @@ from hd_control.cli._workbench import (
     open_bag,
     open_model,
     provenance,
-    tell_recording,
+    report_recording,
 )
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     recording = open_bag(arguments, arguments.bag)
     model = open_model(arguments.model, recording)
     joints = _joints(arguments, recording, model)
-    tell_recording(arguments, recording)
+    report_recording(arguments, recording)
     document: dict[str, Any] = {"schema": SCHEMA, "bag": bag_entry(recording), "effect": arguments.effect, "joints": {}}
     for joint in track(arguments, joints, len(joints), "fitting"):
         model, rows, gain = _fit(recording, model, joint, arguments.effect)

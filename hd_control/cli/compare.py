@@ -18,7 +18,7 @@ from hd_control.cli._workbench import (
     open_bag,
     open_model,
     quantity,
-    tell_recording,
+    report_recording,
 )
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     recording = open_bag(arguments, arguments.bag)
     models = {path: open_model(path, recording) for path in dict.fromkeys(arguments.model)}
     joints = chosen_joints(arguments, recording, next(iter(models.values())))
-    tell_recording(arguments, recording)
+    report_recording(arguments, recording)
     work = partial(_compare, recording, models, not arguments.no_free_run)
     answers: dict[str, dict[str, Any]] = {}
     for joint, found in by_joint(arguments, joints, work, "comparing"):

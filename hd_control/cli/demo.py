@@ -244,7 +244,7 @@ def run(arguments: argparse.Namespace) -> int:
     from hd_control.cli.main import UsageError
     from hd_control.cli.options import say, write_json
     from hd_control.demo.plan import make_story
-    from hd_control.demo.tell import TellOptions, tell
+    from hd_control.demo.run import DemoOptions, run_demo
 
     began = time.monotonic()
     if arguments.seed < 0:
@@ -253,7 +253,7 @@ def run(arguments: argparse.Namespace) -> int:
         return track(arguments)
     story = make_story(arguments.seed, "single_joint" if arguments.single_joint else "arm", arguments.effect)
     folder = output_folder(arguments)
-    options = TellOptions(
+    options = DemoOptions(
         lockstep=arguments.lockstep,
         wall=arguments.wall,
         keep=arguments.keep,
@@ -261,7 +261,9 @@ def run(arguments: argparse.Namespace) -> int:
         domain=arguments.domain,
         one_process=not arguments.separate,
     )
-    outcome = tell(story, folder, options, lambda text: say(arguments, f"[{time.monotonic() - began:4.0f} s] {text}"))
+    outcome = run_demo(
+        story, folder, options, lambda text: say(arguments, f"[{time.monotonic() - began:4.0f} s] {text}")
+    )
     page, picture = _show(arguments, outcome, folder)
     write_json(arguments, outcome.json(str(page), str(picture or ""), time.monotonic() - began))
     return 0 if outcome.right else 1

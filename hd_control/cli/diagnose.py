@@ -20,7 +20,7 @@ from hd_control.cli._workbench import (
     open_bag,
     open_model,
     quantity,
-    tell_recording,
+    report_recording,
 )
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     recording = open_bag(arguments, arguments.bag)
     model = open_model(arguments.model, recording)
     joints = chosen_joints(arguments, recording, model)
-    tell_recording(arguments, recording)
+    report_recording(arguments, recording)
     document: dict[str, Any] = {
         "schema": SCHEMA,
         "bag": bag_entry(recording),

@@ -20,7 +20,7 @@ from hd_control.cli._workbench import (
     open_model,
     provenance,
     quantity,
-    tell_recording,
+    report_recording,
 )
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         split = split_recording(recording)
     for item in recordings:
-        tell_recording(arguments, item)
+        report_recording(arguments, item)
     document: dict[str, Any] = {"schema": SCHEMA, "bags": [bag_entry(item) for item in recordings], "joints": {}}
     best = model
     for joint, ladder in by_joint(arguments, joints, partial(_climb, split, model, arguments.limit), "climbing"):

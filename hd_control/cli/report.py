@@ -16,7 +16,7 @@ from hd_control.cli._workbench import (
     one_thread,
     open_bag,
     open_model,
-    tell_recording,
+    report_recording,
 )
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     recording = open_bag(arguments, arguments.bag)
     models = {path: open_model(path, recording) for path in dict.fromkeys(arguments.model)}
     joints = chosen_joints(arguments, recording, next(iter(models.values())))
-    tell_recording(arguments, recording)
+    report_recording(arguments, recording)
     split = Split(recording, open_bag(arguments, arguments.held_out)) if arguments.held_out else None
     if split is None and not arguments.no_ladder:
         split = split_recording(recording)

@@ -2,7 +2,7 @@
 
     indicated = gain tau + offset + drift (T - T_0) + sum_{n = 2, 4} a_n cos n beta + b_n sin n beta + f sgn(q')
 
-Linear least squares; errors by leaving out one block of time after the other, so that slow leftovers count. f, the
+Linear least squares; errors by leaving out one block of time after the other, so that slow residuals count. f, the
 friction of the link's bearing, is no parameter of the bridge: it only keeps the offset clean, where the joint turns in
 both directions. The same model as `gauge_bridge` and as the fusion law inverts.
 """
@@ -288,7 +288,7 @@ def _check_errors(joint: str, fit: GaugeFit) -> None:
     for name in ("offset", *RIPPLE):
         if name in errors and not errors[name] <= fit.after:
             raise BagError(
-                f"{joint}: {name} is not told by this turn (standard error {errors[name]:.2g} N m, leftover "
+                f"{joint}: {name} is not told by this turn (standard error {errors[name]:.2g} N m, residual "
                 f"{fit.after:.2g} N m): record a longer turn, or choose with --only"
             )
     if not 0.1 <= fit.model.gain <= 10.0:

@@ -17,7 +17,7 @@ from hd_control.chain.stage import Bus, Stage
 from hd_control.chain.torque_stage import TorqueStage
 from hd_control.core.parameters import Change, Parameter, ParameterSet
 from hd_control.laws import fusion, motion, torque
-from hd_control.nodes.goals import GoalDesk, serve_trajectory_action
+from hd_control.nodes.goals import GoalService, serve_trajectory_action
 from hd_control.nodes.stage_shell import StageShell, own_values, prefixed
 from hd_control.nodes.stop_services import BLACK_BOX, ModePublisher, serve_black_box, serve_reset
 from hd_control.safety.limits import LIMITS, safety_limits
@@ -43,7 +43,7 @@ class ChainNode(StageShell):
         if extra is not None:
             own = ParameterSet("chain", own.parameters + extra.parameters, own.rules + extra.rules)
         super().__init__("chain", own, CHAIN_PARTS)
-        self.goals = GoalDesk(self, self.motion, lambda: own_values(self.values, "motion"))
+        self.goals = GoalService(self, self.motion, lambda: own_values(self.values, "motion"))
         self.mode_topic = ModePublisher(self)
         self.black_boxes = serve_black_box(self, self.boxes)
         self.action = serve_trajectory_action(self, self.goals, self.motion)
@@ -66,7 +66,7 @@ class ChainNode(StageShell):
     def run_stages(self, tick: int, stamp_ns: int, bus: Bus) -> None:
         super().run_stages(tick, stamp_ns, bus)
         mode = self.motion.controller_mode = self.torque.mode
-        self.mode_topic.tell(mode)
+        self.mode_topic.publish(mode)
 
     def status(self) -> tuple[bytes, str, dict[str, Any]]:
         level, text, values = super().status()

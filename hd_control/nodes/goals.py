@@ -34,7 +34,7 @@ LEADS = (10, 40, 160, 640)
 """Ticks between the check and the start of a goal that starts now; the next one if the check took longer."""
 
 
-class GoalDesk:
+class GoalService:
     """`joint_trajectory` in, `~/goal_status` out: `accepted ID start_tick N end_tick M`, or the refusal's text."""
 
     def __init__(self, node: Shell, stage: MotionStage, values: Callable[[], Mapping[str, Any]]) -> None:
@@ -103,7 +103,7 @@ PERIOD = 0.05
 UNLIMITED = -1.0
 
 
-def serve_trajectory_action(node: Any, desk: GoalDesk, stage: MotionStage) -> TrajectoryAction | None:
+def serve_trajectory_action(node: Any, service: GoalService, stage: MotionStage) -> TrajectoryAction | None:
     """Serves the action if its messages can be imported; else None."""
     try:
         from control_msgs.action import FollowJointTrajectory
@@ -111,16 +111,16 @@ def serve_trajectory_action(node: Any, desk: GoalDesk, stage: MotionStage) -> Tr
         return None
     from rclpy.action import ActionServer
 
-    return TrajectoryAction(node, desk, stage, FollowJointTrajectory, ActionServer)
+    return TrajectoryAction(node, service, stage, FollowJointTrajectory, ActionServer)
 
 
 class TrajectoryAction:
     """One goal at a time; a newer one, from the action or from the topic, ends the older."""
 
     def __init__(
-        self, node: Any, desk: GoalDesk, stage: MotionStage, kind: Any, make_server: Callable[..., Any]
+        self, node: Any, service: GoalService, stage: MotionStage, kind: Any, make_server: Callable[..., Any]
     ) -> None:
-        self._node, self._desk, self._stage, self._kind = node, desk, stage, kind
+        self._node, self._service, self._stage, self._kind = node, service, stage, kind
         self._handle: Any = None
         self._path: Path | None = None
         self._watch: GoalWatch | None = None
@@ -140,7 +140,7 @@ class TrajectoryAction:
         try:
             goal = goal_from_message(request.trajectory, self._node.dt_ns, f"action_{self._count}")
             watch = self._tolerances(request)
-            path = self._desk.accept(goal)
+            path = self._service.accept(goal)
         except GoalError as error:
             self._finish(handle, "abort", Outcome(CODES.get(error.code, INVALID_GOAL), str(error)))
             return
@@ -165,7 +165,7 @@ class TrajectoryAction:
         if not self._node.active or follower is None:
             self._end("abort", Outcome(INVALID_GOAL, "the motion law was deactivated"))
         elif self._handle.is_cancel_requested:
-            self._desk.brake()
+            self._service.brake()
             self._end("canceled", Outcome(INVALID_GOAL, "canceled; the robot brakes"))
         elif stage.aborted_goals > self._aborted:
             text = "the goal was dropped: a joint left its reference by more than 0.05 rad, or a reset was asked for"
@@ -183,7 +183,7 @@ class TrajectoryAction:
         outcome = self._watch.judge(self._stage.tick, *error) if self._watch is not None else None
         if outcome is not None:
             if outcome.code == PATH_VIOLATED:
-                self._desk.brake()
+                self._service.brake()
             self._end("succeed" if outcome.code == 0 else "abort", outcome)
 
     def _feedback(self, *points: Sequence[FloatArray]) -> Any:

@@ -14,7 +14,7 @@ from typing import Any
 from hd_control.chain.motion_stage import MotionStage
 from hd_control.chain.stage import Stage
 from hd_control.laws import motion
-from hd_control.nodes.goals import GoalDesk, serve_trajectory_action
+from hd_control.nodes.goals import GoalService, serve_trajectory_action
 from hd_control.nodes.process import run_node
 from hd_control.nodes.stage_shell import StageShell
 from hd_control.nodes.stop_services import ModeInput, serve_reset
@@ -25,7 +25,7 @@ class MotionNode(StageShell):
 
     def __init__(self) -> None:
         super().__init__("motion_node", motion.PARAMETERS)
-        self.goals = GoalDesk(self, self.motion, lambda: self.values)
+        self.goals = GoalService(self, self.motion, lambda: self.values)
         self.modes = ModeInput(self, self.motion)
         self.action = serve_trajectory_action(self, self.goals, self.motion)
         serve_reset(self, lambda: self.motion)

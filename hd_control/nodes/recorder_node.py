@@ -70,9 +70,15 @@ class RecorderTurn:
     """Every 5 ms: take all that is waiting and let the recorder write it."""
 
     def __init__(
-        self, loop: FastLoop, topics: Sequence[RecordedTopic], dt_ns: int, tell: Callable[[int], None]
+        self, loop: FastLoop, topics: Sequence[RecordedTopic], dt_ns: int, progress: Callable[[int], None]
     ) -> None:
-        self._loop, self._topics, self._half, self._dt_ns, self._tell = loop, tuple(topics), dt_ns // 2, dt_ns, tell
+        self._loop, self._topics, self._half, self._dt_ns, self._progress = (
+            loop,
+            tuple(topics),
+            dt_ns // 2,
+            dt_ns,
+            progress,
+        )
         self.recorder: Recorder | None = None
         self._told = -1
         self._newest_ns = {topic.path: -1 for topic in self._topics if topic.name in NEEDED}
@@ -110,7 +116,7 @@ class RecorderTurn:
             self._announce(now)
         elif (slowest := min(self._newest_ns.values())) > self._told:
             self._told = slowest
-            self._tell((slowest + self._half) // self._dt_ns)
+            self._progress((slowest + self._half) // self._dt_ns)
         return taken_count
 
     def _announce(self, now: int) -> None:
@@ -125,7 +131,7 @@ class RecorderTurn:
         self._announce_at = latest if self._announce_at is None else min(self._announce_at, latest)
         if now >= self._announce_at:
             self._announced = True
-            self._tell(0)
+            self._progress(0)
 
     def _note(self, path: str, data: bytes) -> None:
         """The newest stamp of each topic. What is told is the slowest: a topic ahead says nothing of the others."""

@@ -69,7 +69,7 @@ def plain_number(parameter: Parameter, value: Any) -> Any:
     return value
 
 
-class ParameterDesk:
+class ParameterService:
     """Declares the parameters of a node and guards their changes.
 
     `prepare(values)` builds what the laws need from a complete, valid set of values and raises HdError if it cannot;
@@ -192,10 +192,10 @@ class Shell(LifecycleNode):
         defaults = for_joints(self.defaults, own, self.robot.joint_names)
         common = tuple(parameter for parameter in COMMON.parameters if parameter.name not in own.names)
         parameters = ParameterSet(name, common + own.parameters, COMMON.rules + own.rules)
-        self.desk = ParameterDesk(
+        self.service = ParameterService(
             self, parameters, defaults, self.robot.joints, lambda: self.active, self.prepare, self._accept
         )
-        self.values = self.desk.check()
+        self.values = self.service.check()
         self.dt = self.values["period"]
         self.dt_ns = round(self.dt * 1e9)
         self.adopt(self.prepare(self.values))
@@ -245,7 +245,7 @@ class Shell(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         try:
-            self.values = self.desk.check()
+            self.values = self.service.check()
             self.adopt(self.prepare(self.values))
             self.loop.install(self.build())
         except HdError as error:
@@ -318,8 +318,8 @@ class Shell(LifecycleNode):
             level, message = ERROR, self.fault
         elif not self.active and level == OK:
             message = message or "not active"
-        values = {"run_id": self.run_id, "active": self.active, **values, "parameter_changes": self.desk.changes}
-        values |= {"parameter_refusals": self.desk.refusals, "last_refusal": self.desk.last_refusal}
+        values = {"run_id": self.run_id, "active": self.active, **values, "parameter_changes": self.service.changes}
+        values |= {"parameter_refusals": self.service.refusals, "last_refusal": self.service.last_refusal}
         self.clock_watch.look(time.time_ns(), time.monotonic_ns())
         if self.clock_watch.last is not None:
             values |= {"clock_jumps": self.clock_watch.jumps, "last_clock_jump": self.clock_watch.last.text()}

@@ -43,7 +43,7 @@ Boxes = Callable[[], Mapping[str, BlackBox]]
 """The boxes of a node by the folder below the node's own, "" for the node's own."""
 
 
-class BlackBoxDesk:
+class BlackBoxService:
     """Writes the incidents of the boxes of a node; `stop` writes what is left."""
 
     def __init__(self, node: Shell, boxes: Boxes) -> None:
@@ -123,11 +123,11 @@ class BlackBoxDesk:
                 self.failure = f"{type(error).__name__}: {error}"
 
 
-def serve_black_box(node: Shell, boxes: Boxes) -> BlackBoxDesk:
-    """The desk of a node and its service."""
-    desk = BlackBoxDesk(node, boxes)
-    node.create_service(Trigger, "~/black_box", desk.answer)
-    return desk
+def serve_black_box(node: Shell, boxes: Boxes) -> BlackBoxService:
+    """The service of a node and its service."""
+    service = BlackBoxService(node, boxes)
+    node.create_service(Trigger, "~/black_box", service.answer)
+    return service
 
 
 # ----------------------------------------------------------------------------------------------------
@@ -148,7 +148,7 @@ class ModePublisher:
         self._publisher = node.create_publisher(String, topics.MODE, latched_qos())
         self._told = ""
 
-    def tell(self, mode: str) -> None:
+    def publish(self, mode: str) -> None:
         """The mode of this tick."""
         if mode != self._told:
             self._told = mode

@@ -39,7 +39,7 @@ class TorqueNode(StageShell):
 
     def run_stages(self, tick: int, stamp_ns: int, bus: Bus) -> None:
         super().run_stages(tick, stamp_ns, bus)
-        self.mode_topic.tell(self.torque.mode)
+        self.mode_topic.publish(self.torque.mode)
 
     def status(self) -> tuple[bytes, str, dict[str, Any]]:
         level, text, values = super().status()

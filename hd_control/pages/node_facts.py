@@ -80,7 +80,7 @@ def _alone(name: str) -> Iterator[list[str]]:
 
 def _facts(node: Node, about: str) -> NodeFacts:
     name, space = node.get_name(), node.get_namespace()
-    parameters = tuple((p, node.defaults.get(p.name, node.values[p.name])) for p in node.desk.parameters.parameters)
+    parameters = tuple((p, node.defaults.get(p.name, node.values[p.name])) for p in node.service.parameters.parameters)
     outgoing = node.get_publisher_names_and_types_by_node(name, space)
     incoming = node.get_subscriber_names_and_types_by_node(name, space)
     services = node.get_service_names_and_types_by_node(name, space)

@@ -49,7 +49,7 @@ class BagReader:
             self._add(source)
         self._compare_with_index()
         self.damage = tuple(self.problems)
-        self._tell_recovery()
+        self._note_recovery()
 
     def _add(self, source: Source) -> None:
         self.problems.extend(source.problems)
@@ -72,7 +72,7 @@ class BagReader:
             if want != have:
                 self.problems.append(Problem(f"{topic}: metadata.yaml states {want} messages, {have} are readable"))
 
-    def _tell_recovery(self) -> None:
+    def _note_recovery(self) -> None:
         """A recovered recording is whole as a file, and still lacks what could not be recovered."""
         recovery = self.metadata.get(RECOVERY)
         if recovery is None:

@@ -28,28 +28,6 @@ from hd_sim.nodes.plant_turn import PlantTurn
 from hd_sim.plant_config import PlantConfig
 from hd_sim.world import World, sensor_arrays
 
-
-def make_chain() -> ChainNode:
-    """The chain, with the plant if its shipped or given parameters ask for it."""
-    probe = Node("chain", start_parameter_services=False, enable_rosout=False)
-    given = getattr(probe, "_parameter_overrides", {})
-    wanted = given["with_plant"].value if "with_plant" in given else shipped_values("chain")["with_plant"]
-    probe.destroy_node()
-    if not wanted:
-        return ChainNode()
-
-    return ChainWithPlant()
-
-
-def main() -> None:
-    """Entry point; ends the process with the exit code."""
-    run_node(make_chain)
-
-
-if __name__ == "__main__":
-    main()
-
-
 # ----------------------------------------------------------------------------------------------------
 # The control chain and the plant in one process and one thread, still publishing every topic.
 
@@ -144,3 +122,21 @@ class ChainWithPlant(ChainNode):
             return level, text, values
         plant_level, plant_text, plant_values = plant_status(self.plant_turn, self.world, self.seam)
         return max(level, plant_level), "; ".join(filter(None, [text, plant_text])), values | plant_values
+
+
+def make_chain() -> ChainNode:
+    """The chain, with the plant if its shipped or given parameters ask for it."""
+    probe = Node("chain", start_parameter_services=False, enable_rosout=False)
+    given = getattr(probe, "_parameter_overrides", {})
+    wanted = given["with_plant"].value if "with_plant" in given else shipped_values("chain")["with_plant"]
+    probe.destroy_node()
+    return ChainWithPlant() if wanted else ChainNode()
+
+
+def main() -> None:
+    """Entry point; ends the process with the exit code."""
+    run_node(make_chain)
+
+
+if __name__ == "__main__":
+    main()

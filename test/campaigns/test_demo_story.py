@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hd_control.demo import tell as telling
+from hd_control.demo import run as demo_run
 from hd_control.demo.plan import StoryPlan, make_story
-from hd_control.demo.tell import TellOptions, tell
+from hd_control.demo.run import DemoOptions, run_demo
 from hd_sim.scenario import Scenario, make_plan
 
 pytestmark = pytest.mark.process
@@ -29,7 +29,7 @@ def test_the_hidden_effect_is_named_added_and_tracking_halves(tmp_path: Path, mo
     """The seal does not exist in the file system until the diagnosis is written: nothing can have read it."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     folder, held, said = tmp_path / "demo", tmp_path / "held", list[str]()
-    write, read = StoryPlan.seal, telling.open_seal
+    write, read = StoryPlan.seal, demo_run.open_seal
     monkeypatch.setattr(StoryPlan, "seal", lambda story, path: held.write_text("nothing here yet"))
 
     def opened(path: Path) -> Any:
@@ -37,9 +37,9 @@ def test_the_hidden_effect_is_named_added_and_tracking_halves(tmp_path: Path, mo
         write(story, path)
         return read(path)
 
-    monkeypatch.setattr(telling, "open_seal", opened)
+    monkeypatch.setattr(demo_run, "open_seal", opened)
     story = short_story("asymmetric_friction:3")
-    outcome = tell(story, folder, TellOptions(lockstep=True), said.append)
+    outcome = run_demo(story, folder, DemoOptions(lockstep=True), said.append)
     assert outcome.right, said
     assert [(d["joint"], d["name"]) for d in outcome.diagnosed] == [("joint_5", "asymmetric_friction")]
     before, after, _, _ = outcome.errors("joint_5")

@@ -16,8 +16,7 @@ import pytest
 
 from hd_control.cli.main import main
 from hd_control.core.errors import ConfigError, HdError
-from hd_control.demo import tell
-from hd_control.demo import tell as telling
+from hd_control.demo import run as demo_run
 from hd_control.demo.live import Phase
 from hd_control.demo.outcome import Outcome, table
 from hd_control.demo.picture import story_figure, write_page
@@ -68,26 +67,26 @@ def test_a_wrong_effect_is_named(text: str, words: str) -> None:
 
 def test_a_second_demo_waits_its_turn(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    with tell.alone("writing bags/one"):
+    with demo_run.alone("writing bags/one"):
         assert main(["demo", "-o", str(tmp_path / "two")]) == 2
         said = capsys.readouterr().err
         assert "another hd demo runs" in said and "bags/one" in said and said.count("\n") == 1
     assert not (tmp_path / "two").exists()
-    with tell.alone("again"):
+    with demo_run.alone("again"):
         pass
 
 
 def test_a_domain_in_use_is_refused_and_a_free_one_found(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    domain = tell.free_domain(None)
+    domain = demo_run.free_domain(None)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("0.0.0.0", 7410 + 250 * domain))
-        assert tell.domain_in_use(domain)
+        assert demo_run.domain_in_use(domain)
         assert main(["demo", "-o", str(tmp_path / "b"), "--domain", str(domain)]) == 2
     assert f"ROS domain {domain} is in use" in capsys.readouterr().err
     assert not (tmp_path / "b").exists()
     with pytest.raises(HdError, match="outside"):
-        tell.free_domain(4000)
+        demo_run.free_domain(4000)
 
 
 def test_a_full_disk_is_seen_before_anything_starts(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
@@ -113,16 +112,16 @@ def test_an_interruption_names_what_is_kept(tmp_path: Path, monkeypatch: Any) ->
         (folder / "excitation").mkdir()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(telling, "_with_fallback", stopped)
+    monkeypatch.setattr(demo_run, "_with_fallback", stopped)
     with pytest.raises(KeyboardInterrupt, match=r"kept in .*demo: excitation$"):
-        telling.tell(make_story(0), tmp_path / "demo", telling.TellOptions(), print)
+        demo_run.run_demo(make_story(0), tmp_path / "demo", demo_run.DemoOptions(), print)
 
 
 def test_ctrl_c_in_a_command_ends_its_workers_too(tmp_path: Path, monkeypatch: Any) -> None:
     script = tmp_path / "python"
     script.write_text("#!/bin/sh\nsleep 61.7301 &\ntouch started\nsleep 61.7301\n")
     script.chmod(0o755)
-    monkeypatch.setattr(tell.sys, "executable", str(script))
+    monkeypatch.setattr(demo_run.sys, "executable", str(script))
     pause = time.sleep
 
     def interrupted(seconds: float) -> None:
@@ -130,9 +129,9 @@ def test_ctrl_c_in_a_command_ends_its_workers_too(tmp_path: Path, monkeypatch: A
         if (tmp_path / "started").exists():
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(tell.time, "sleep", interrupted)
+    monkeypatch.setattr(demo_run.time, "sleep", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        tell.Commands(tmp_path, lambda _: None).run(["ladder"], "ladder.json")
+        demo_run.Commands(tmp_path, lambda _: None).run(["ladder"], "ladder.json")
     monkeypatch.undo()
     end = time.monotonic() + 10.0
     while sleepers() and time.monotonic() < end:
@@ -152,7 +151,7 @@ def sleepers() -> list[str]:
 
 def test_a_command_that_fails_says_its_own_line(tmp_path: Path) -> None:
     with pytest.raises(HdError, match=r"hd info nothing: .*nothing"):
-        tell.Commands(tmp_path, lambda _: None).run(["info", "nothing"], "info.json")
+        demo_run.Commands(tmp_path, lambda _: None).run(["info", "nothing"], "info.json")
 
 
 # What it says --------------------------------------------------------------------------------------------------------

@@ -47,7 +47,7 @@ def resident_bytes(statm: int) -> int:
     return int(os.pread(statm, 200, 0).split()[1]) * PAGE
 
 
-def soak(bag: Path, ticks: int, seed: int, tell: Callable[[int], None] = lambda tick: None) -> Soak:
+def soak(bag: Path, ticks: int, seed: int, progress: Callable[[int], None] = lambda tick: None) -> Soak:
     """Runs and records `ticks` ticks of arm_a; memory is looked at `LOOKS` times, fitted behind the first tenth."""
     runner = Runner(RunSetup(PlantConfig.from_file("arm_a"), seed))
     home = runner.world.seam.plant.config.start_position
@@ -74,7 +74,7 @@ def soak(bag: Path, ticks: int, seed: int, tell: Callable[[int], None] = lambda 
         if rest == 0 and look < LOOKS:
             gc.collect()
             marks[look] = tick, sys.getallocatedblocks(), resident_bytes(statm)
-            tell(tick)
+            progress(tick)
     gc.unfreeze()
     os.close(statm)
     assert recorder.close() == ""

@@ -11,7 +11,7 @@ from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION
 from hd_control.drive.library import effect_named
 from hd_control.lab.diagnosis.candidates import Group
 from hd_control.lab.diagnosis.claims import HIGHER, LEAST, refuted, sure
-from hd_control.lab.diagnosis.corrections import Chase, prepare
+from hd_control.lab.diagnosis.corrections import CorrectedSearch, prepare
 from hd_control.lab.diagnosis.fit import LAW_ERROR, Interval, widened
 from hd_control.lab.diagnosis.scores import Scores
 from hd_control.lab.diagnosis.verdict import NamedEffect, Unknown
@@ -68,24 +68,24 @@ def test_scores_that_are_carried_along_are_those_of_the_rows() -> None:
     pair = make_pair(5003, "one")
     joint = str(pair.model["joint"])
     task = joint_task(recording(pair.fit, joint, pair.period), nominal_model(pair.model), joint)
-    chase = Chase(task, prepare(task))
+    corrected = CorrectedSearch(task, prepare(task))
 
     def same() -> None:
-        fresh = Scores(chase.dictionary)
-        assert np.abs(fresh.gram - chase.scores.gram).max() < 1e-12  # columns of unit norm
-        np.testing.assert_allclose(chase.scores.right, fresh.right, rtol=0, atol=1e-12 * np.abs(fresh.right).max())
-        np.testing.assert_allclose(chase.scores.squares, fresh.squares, rtol=1e-12)
-        index = chase.search.index(())
+        fresh = Scores(corrected.dictionary)
+        assert np.abs(fresh.gram - corrected.scores.gram).max() < 1e-12  # columns of unit norm
+        np.testing.assert_allclose(corrected.scores.right, fresh.right, rtol=0, atol=1e-12 * np.abs(fresh.right).max())
+        np.testing.assert_allclose(corrected.scores.squares, fresh.squares, rtol=1e-12)
+        index = corrected.search.index(())
         assert sum(fresh.channel_losses(index).values()) == pytest.approx(fresh.loss(index) - prior(fresh, index))
 
-    chase.rescale(())
+    corrected.rescale(())
     same()
-    selection, moved = chase.correct(chase.search.forward(()))
+    selection, moved = corrected.correct(corrected.search.forward(()))
     assert moved
     same()
-    assert chase.leave_blind_rows(tuple(chase.dictionary.groups[:60]))
+    assert corrected.leave_blind_rows(tuple(corrected.dictionary.groups[:60]))
     same()
-    assert chase.mend_noise(()) and set(chase.dictionary.rows) == {MOTOR, TRANSMISSION, LINK}
+    assert corrected.mend_noise(()) and set(corrected.dictionary.rows) == {MOTOR, TRANSMISSION, LINK}
     same()
     assert selection
 

@@ -126,7 +126,7 @@ def test_f33_a_callback_that_raises_stops_the_robot_and_the_node_lives_on(
 
 def test_f33_a_parameter_check_that_raises_refuses_and_stops(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     bench.chain.trigger_activate()
-    monkeypatch.setattr(bench.chain.desk, "_prepare", _raise)
+    monkeypatch.setattr(bench.chain.service, "_prepare", _raise)
     before = bench.chain.get_parameter("motion.position_gain").value
     changed = Parameter("motion.position_gain", value=[0.9 * gain for gain in before])
     with pytest.raises(RuntimeError, match=WORDS):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import os
 import subprocess
 import sys
@@ -165,20 +164,6 @@ def test_shipped_lists_are_cut_to_the_robot_by_name() -> None:
 def test_an_unknown_node_is_refused() -> None:
     with pytest.raises(ConfigError, match="no node 'torque'"):
         RunPlan(nodes=("torque",))
-
-
-def test_rclpy_is_imported_by_nodes_only() -> None:
-    strangers = []
-    for path in [*ROOT.glob("hd_control/**/*.py"), *ROOT.glob("hd_sim/**/*.py")]:
-        if "nodes" in path.parts:
-            continue
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            strangers += [
-                f"{path}: {name}" for name in names if name.split(".")[0] in ("rclpy", "sensor_msgs", "std_msgs")
-            ]
-    assert not strangers
 
 
 def test_an_activation_during_the_wait_never_makes_a_tick_of_its_own() -> None:

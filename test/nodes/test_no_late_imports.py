@@ -21,11 +21,11 @@ class Watch:
             late.append(name)
         return None
 
-from hd_control.nodes import ros_loop
+from hd_control.nodes import fast_loop
 from hd_control.nodes.process import run_node
 from hd_sim.nodes.chain import make_chain
 
-run = ros_loop.FastLoop.run
+run = fast_loop.FastLoop.run
 
 def watched(loop):
     inside.append(True)
@@ -37,7 +37,7 @@ def watched(loop):
         turn = loop._turn
         print("ticks", turn.tick, "late imports", late, flush=True)
 
-ros_loop.FastLoop.run = watched
+fast_loop.FastLoop.run = watched
 sys.meta_path.insert(0, Watch())
 run_node(make_chain)
 """

@@ -8,7 +8,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from hd_control.core.errors import ConfigError
 from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
-from hd_control.nodes.shell import ParameterDesk
+from hd_control.nodes.shell import ParameterService
 
 SET = ParameterSet(
     "node",
@@ -24,7 +24,7 @@ SHIPPED = {"stiffness": 100.0, "rate": 0.005, "gain": [1.0, 2.0], "law": "a"}
 
 
 class FakeNode:
-    """As much of a node as the desk uses."""
+    """As much of a node as the service uses."""
 
     def __init__(self):
         self._parameter_overrides, self.stored, self.callbacks = {}, {}, {}
@@ -54,14 +54,14 @@ class FakeNode:
         return result
 
 
-def desk(active=True, prepare=lambda values: values):
+def service(active=True, prepare=lambda values: values):
     node, taken = FakeNode(), []
-    made = ParameterDesk(node, SET, SHIPPED, 2, lambda: active, prepare, lambda values, ready: taken.append(values))
+    made = ParameterService(node, SET, SHIPPED, 2, lambda: active, prepare, lambda values, ready: taken.append(values))
     return node, made, taken
 
 
 def test_f20_values_that_are_right_only_together_are_taken_together():
-    node, made, taken = desk()
+    node, made, taken = service()
     assert node.set(stiffness=1000.0, rate=0.0005).successful
     assert (taken[-1]["stiffness"], taken[-1]["rate"], made.changes) == (1000.0, 0.0005, 1)
     assert not node.set(stiffness=1000.0, rate=0.005).successful, "each alone would be right with the old other one"
@@ -78,7 +78,7 @@ def test_f20_values_that_are_right_only_together_are_taken_together():
     ],
 )
 def test_f20_a_refusal_changes_nothing_and_is_counted(change, says):
-    node, made, taken = desk()
+    node, made, taken = service()
     before = dict(node.stored)
     result = node.set(**change)
     assert not result.successful and taken == [] and node.stored == before == made.values()
@@ -87,11 +87,11 @@ def test_f20_a_refusal_changes_nothing_and_is_counted(change, says):
 
 
 def test_f21_a_value_that_needs_inactive_is_refused_while_active():
-    node, made, taken = desk(active=True)
+    node, made, taken = service(active=True)
     result = node.set(law="b", gain=[5.0, 6.0])
     assert not result.successful and "law: 'a' stays, a change needs INACTIVE" in result.reason
     assert taken == [] and node.stored["gain"] == [1.0, 2.0]
-    node, made, taken = desk(active=False)
+    node, made, taken = service(active=False)
     assert node.set(law="b").successful and taken[-1]["law"] == "b"
 
 
@@ -99,5 +99,5 @@ def test_f20_what_the_law_cannot_prepare_is_refused():
     def prepare(values):
         raise ConfigError("the law says no")
 
-    node, made, taken = desk(prepare=prepare)
+    node, made, taken = service(prepare=prepare)
     assert node.set(rate=0.001).reason == "the law says no" and taken == []

@@ -22,7 +22,7 @@ from hd_control.laws import motion
 from hd_control.laws.trajectory import quintic_move
 from hd_control.nodes import goals
 from hd_control.nodes.convert import message_from_goal
-from hd_control.nodes.goals import GoalDesk, TrajectoryAction, serve_trajectory_action
+from hd_control.nodes.goals import GoalService, TrajectoryAction, serve_trajectory_action
 
 DT = 1e-3
 ROBOT = Robot.from_file("arm_a")
@@ -74,8 +74,8 @@ class Bench:
         self.stage.adopt(self.stage.prepare(self.values))
         self.active, self.dt_ns, self.robot, self.timers = True, 1_000_000, ROBOT, []
         self.tick, self.error, self.server = 0, np.zeros(ROBOT.joints), {}
-        desk = GoalDesk(self, self.stage, lambda: self.values)  # type: ignore[arg-type] - a stand-in for the node
-        self.action = TrajectoryAction(self, desk, self.stage, Kind, self._make_server)
+        service = GoalService(self, self.stage, lambda: self.values)  # type: ignore[arg-type] - a stand-in for the node
+        self.action = TrajectoryAction(self, service, self.stage, Kind, self._make_server)
         self.run(5)
 
     def _make_server(self, node, kind, name, **callbacks):
@@ -191,7 +191,7 @@ def test_a_goal_of_the_topic_ends_that_of_the_action():
     bench = Bench()
     handle = bench.send(Handle(move(0.1)))
     bench.run(100)
-    bench.action._desk._take(move(0.12))
+    bench.action._service._take(move(0.12))
     bench.run(100)
     assert handle.ends == ["abort"] and "replaced" in handle.result.error_string
 
@@ -222,5 +222,5 @@ def test_with_control_msgs_the_server_is_made(monkeypatch):
     monkeypatch.setitem(sys.modules, "control_msgs.action", action)
     made = []
     monkeypatch.setattr(goals, "TrajectoryAction", lambda *given: made.append(given))
-    serve_trajectory_action("node", "desk", "stage")
-    assert made[0][:4] == ("node", "desk", "stage", Kind)
+    serve_trajectory_action("node", "service", "stage")
+    assert made[0][:4] == ("node", "service", "stage", Kind)

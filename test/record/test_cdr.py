@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hd_control.core import topics
 from hd_control.record import cdr
 from hd_control.record.cdr import ClockCodec, JointStateCodec, TemperatureCodec, ValuesCodec, codec_of
 
@@ -98,12 +99,12 @@ def test_round_trip_is_exact(joint_names, stamp, fields, data):
     assert got_stamp == stamp == codec.stamp_ns(payload)
     for name, value in values.items():
         assert got[name].tobytes() == value.tobytes() and got[name].flags.aligned
-    again = codec_of(cdr.JOINT_STATE, payload)
+    again = codec_of(topics.JOINT_STATE_TYPE, payload)
     assert again is not None and again.size == codec.size and again.fields == codec.fields
     assert list(again.joint_names) == joint_names
-    message = cdr.decode_message(cdr.JOINT_STATE, payload)
+    message = cdr.decode_message(topics.JOINT_STATE_TYPE, payload)
     assert list(message.name) == joint_names and message.header.frame_id == RUN
-    assert cdr.encode_message(cdr.JOINT_STATE, message) == payload
+    assert cdr.encode_message(topics.JOINT_STATE_TYPE, message) == payload
 
 
 def test_columns_equal_single_messages_and_invert():
@@ -143,7 +144,13 @@ def test_a_change_of_layout_is_seen(at):
 def test_no_bytes_raise(data):
     codec = JointStateCodec(NAMES, len(RUN), position=True)
     assert codec.matches(data) in (True, False)
-    for type_name in (cdr.JOINT_STATE, cdr.TEMPERATURE, cdr.VALUES, cdr.CLOCK, "std_msgs/msg/String"):
+    for type_name in (
+        topics.JOINT_STATE_TYPE,
+        topics.TEMPERATURE_TYPE,
+        topics.VALUES_TYPE,
+        cdr.CLOCK,
+        "std_msgs/msg/String",
+    ):
         for candidate in (data, cdr.ENCAPSULATION + data):
             found = codec_of(type_name, candidate)
             assert found is None or found.matches(candidate)
@@ -154,7 +161,7 @@ def test_every_cut_message_is_refused():
     payload = codec.encode(1, RUN, **joint_values(codec))
     for length in range(len(payload)):
         assert not codec.matches(payload[:length])
-        assert codec_of(cdr.JOINT_STATE, payload[:length]) is None
+        assert codec_of(topics.JOINT_STATE_TYPE, payload[:length]) is None
         with pytest.raises(ValueError):
             codec.decode(payload[:length])
 

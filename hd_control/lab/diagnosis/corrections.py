@@ -82,7 +82,7 @@ def _rms(x: FloatArray) -> float:
 # Continuous refinement of the shapes of selected effects: variable projection, one effect at a time.
 #
 # The linear coefficients of everything selected are eliminated exactly; only the shape moves. Grid-only estimates leave
-# ghosts: a coarse shape is completed by an innocent companion.
+# false companions: a coarse shape is completed by an innocent companion.
 
 
 MAX_EVALUATIONS = 40
@@ -333,32 +333,32 @@ def known_candidates(task: Task) -> list[Candidate]:
     ]
 
 
-def hunt(task: Task, dictionary: Dictionary | None = None) -> tuple[Search, Selection]:
+def search_effects(task: Task, dictionary: Dictionary | None = None) -> tuple[Search, Selection]:
     """The search in its last state, and what it selected. `dictionary`: that of `prepare`, if it is there already."""
-    chase = Chase(task, prepare(task) if dictionary is None else dictionary)
-    chase.rescale(())
-    chase.correct(chase.search.forward(()))  # so that a curve competes with laws that are not on a grid
-    selection = chase.search.run()
-    if selection and chase.mend_noise(selection):
-        selection = chase.search.run()
-    if selection and chase.leave_blind_rows(selection):
-        selection = chase.search.run()
-    for effect in chase.laws_for_curves(selection):
-        selection = chase.try_law(effect, selection)
+    corrected = CorrectedSearch(task, prepare(task) if dictionary is None else dictionary)
+    corrected.rescale(())
+    corrected.correct(corrected.search.forward(()))  # so that a curve competes with laws that are not on a grid
+    selection = corrected.search.run()
+    if selection and corrected.mend_noise(selection):
+        selection = corrected.search.run()
+    if selection and corrected.leave_blind_rows(selection):
+        selection = corrected.search.run()
+    for effect in corrected.laws_for_curves(selection):
+        selection = corrected.try_law(effect, selection)
     for _ in range(ROUNDS):
         if not selection:
             break
         before = {g.name for g in selection}
-        selection, moved = chase.correct(selection)
-        selection = chase.merge(selection)
-        search = chase.search
+        selection, moved = corrected.correct(selection)
+        selection = corrected.merge(selection)
+        search = corrected.search
         selection = search.prune(search.extend(search.forward(search.tidy(selection))))
         if {g.name for g in selection} == before and not moved:
             break
-    return chase.search, without_cancelling(chase.search, selection)
+    return corrected.search, without_cancelling(corrected.search, selection)
 
 
-class Chase:
+class CorrectedSearch:
     """The dictionary as it is mended, with its scores and search."""
 
     search: Search

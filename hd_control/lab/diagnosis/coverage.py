@@ -121,7 +121,7 @@ def _variety(speed: FloatArray) -> float:
 
 
 @dataclass(frozen=True)
-class Lack:
+class Shortfall:
     """One thing that a recording lacks: what, for which channels nothing can be said, and what to record."""
 
     what: str
@@ -135,62 +135,68 @@ _RAMPS = "slow torque ramps through zero to +-50 % of the rated torque, under gr
 _CHIRP = "a sum of sines from 0.1 to 2.5 Hz (22 s) and a chirp from 0.3 to 20 Hz (13 s), both within the robot's limits"
 
 
-def lacks(found: Coverage) -> list[Lack]:
+def shortfalls(found: Coverage) -> list[Shortfall]:
     """What is missing for a full diagnosis, most important first. Empty for a recording that can decide."""
     everything = (MOTOR, TRANSMISSION, LINK)
-    missing: list[Lack] = []
+    missing: list[Shortfall] = []
     if found.duration < DURATION_S or found.moving < 0.5 * DURATION_S:
         what = f"only {found.duration:.1f} s of usable recording, {found.moving:.1f} s of them in motion"
-        missing.append(Lack(what, everything, "enough data", f"60 s: {_SPEEDS}; then {_CHIRP}"))
+        missing.append(Shortfall(what, everything, "enough data", f"60 s: {_SPEEDS}; then {_CHIRP}"))
     for name in found.too_short:
         what = f"too little sliding motion for the {name.replace('_', ' ')} balance"
-        missing.append(Lack(what, (name,), "friction and inertia", f"60 s: {_SPEEDS}; then {_CHIRP}"))
+        missing.append(Shortfall(what, (name,), "friction and inertia", f"60 s: {_SPEEDS}; then {_CHIRP}"))
     if found.saturated > SATURATED:
         what = f"the motor torque is at its limit for {100 * found.saturated:.0f} % of the time"
-        missing.append(Lack(what, everything, "torques that the drive can follow", _CHIRP))
+        missing.append(Shortfall(what, everything, "torques that the drive can follow", _CHIRP))
     if found.repetition > REPETITION and found.speed_variety < SPEED_VARIETY:
         what = "the same few moves again and again: nothing that is held out is new"
-        missing.append(Lack(what, everything, "motion that does not repeat", f"{_SPEEDS}; then {_CHIRP}"))
+        missing.append(Shortfall(what, everything, "motion that does not repeat", f"{_SPEEDS}; then {_CHIRP}"))
     if found.reversals < REVERSALS or not found.both_directions:
         what = f"{found.reversals} changes of direction" + ("" if found.both_directions else ", motion mostly one way")
-        missing.append(Lack(what, (MOTOR, LINK), "friction against offsets and load", _SPEEDS))
+        missing.append(Shortfall(what, (MOTOR, LINK), "friction against offsets and load", _SPEEDS))
     if found.speed_decades < SPEED_DECADES:
         what = (
             f"speeds from {found.slow_speed:.3g} to {found.fast_speed:.3g} rad/s only "
             f"({found.speed_decades:.1f} decades, {SPEED_DECADES:g} needed)"
         )
-        missing.append(Lack(what, (MOTOR, LINK), "the shape of friction over speed", _SPEEDS))
+        missing.append(Shortfall(what, (MOTOR, LINK), "the shape of friction over speed", _SPEEDS))
     for name in (MOTOR, LINK):
         snr = found.acceleration_snr.get(name)
         if snr is not None and snr < ACCELERATION_SNR:
             what = f"acceleration {snr:.1f} times its noise in power ({ACCELERATION_SNR:g} needed)"
-            missing.append(Lack(what, (name,), "inertia against friction and delays", _CHIRP))
+            missing.append(Shortfall(what, (name,), "inertia against friction and delays", _CHIRP))
     if TRANSMISSION in found.acceleration_snr and found.compliance_error > COMPLIANCE_ERROR:
         what = f"stiffness within {100 * found.compliance_error:.0f} % only"
-        missing.append(Lack(what, (TRANSMISSION,), "stiffness, lost motion and hysteresis", _RAMPS))
+        missing.append(Shortfall(what, (TRANSMISSION,), "stiffness, lost motion and hysteresis", _RAMPS))
     return missing
 
 
-def unsupported(effect: type[Effect], found: Coverage, rated_torque: float | None) -> Lack | None:
+def unsupported(effect: type[Effect], found: Coverage, rated_torque: float | None) -> Shortfall | None:
     """Why this recording cannot carry a claim of that effect; None if it can."""
     name, span = effect.name, found.torque_high - found.torque_low
     if name in LOADED and rated_torque is not None and span < LOAD_SHARE * rated_torque:
         what = f"joint torque from {found.torque_low:.3g} to {found.torque_high:.3g} N m only"
-        return Lack(what, (), "stiffness, lost motion and hysteresis", _RAMPS)
+        return Shortfall(what, (), "stiffness, lost motion and hysteresis", _RAMPS)
     if effect.family == TORSION_FAMILY and found.repetition > SAME_LOOP and found.speed_variety < SPEED_VARIETY:
         what = "the torque runs through the same few loops again and again"
-        return Lack(what, (), "stiffness, lost motion and hysteresis", _RAMPS)
+        return Shortfall(what, (), "stiffness, lost motion and hysteresis", _RAMPS)
     if name == "temperature_friction" and found.temperature_span < TEMPERATURE_SPAN:
         what = f"temperature moves by {found.temperature_span:.1f} K only ({TEMPERATURE_SPAN:g} needed)"
-        return Lack(what, (), "temperature against drift in time", "warm-up and cool-down by 8 K or more in one bag")
+        return Shortfall(
+            what, (), "temperature against drift in time", "warm-up and cool-down by 8 K or more in one bag"
+        )
     orders = ("kinematic_error", "motor_cogging", "gauge_ripple")
     if name in orders and found.motor_turns < 1.0:
         what = f"the motor turns {found.motor_turns:.2f} times only"
-        return Lack(what, (), "effects of the motor angle", "a slow move over 20 or more motor turns, both directions")
+        return Shortfall(
+            what, (), "effects of the motor angle", "a slow move over 20 or more motor turns, both directions"
+        )
     if name == "joint_sensor_eccentricity" and found.joint_range < 0.5 * JOINT_RANGE:
         what = f"the joint moves over {np.degrees(found.joint_range):.0f} degrees only"
-        return Lack(what, (), "eccentricity against stiffness", "a slow move over more than 90 degrees of the joint")
+        return Shortfall(
+            what, (), "eccentricity against stiffness", "a slow move over more than 90 degrees of the joint"
+        )
     if name in ("nonlinear_stiffness", "backlash") and not found.torque_low < 0.0 < found.torque_high:
         how = "slow torque ramps through zero to +-50 % of the rated torque, three amplitudes"
-        return Lack("the joint torque does not change its sign", (), "stiffness shape against hysteresis", how)
+        return Shortfall("the joint torque does not change its sign", (), "stiffness shape against hysteresis", how)
     return None

@@ -1,4 +1,4 @@
-"""Which physical effect is missing in the model of one joint: gates, search, refinement, rivals, leftover, verdict."""
+"""Which physical effect is missing in the model of one joint: gates, search, refinement, rivals, verdict."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from hd_control.drive.effect import MOTOR, TORSION_FAMILY, TRANSMISSION, UNITS
 from hd_control.lab.balances.channels import JointEquations
 from hd_control.lab.diagnosis.candidates import Group
 from hd_control.lab.diagnosis.claims import beside, refuted, sure, unknown_in
-from hd_control.lab.diagnosis.corrections import Task, hunt
-from hd_control.lab.diagnosis.coverage import Coverage, Lack, coverage, lacks, unsupported
+from hd_control.lab.diagnosis.corrections import Task, search_effects
+from hd_control.lab.diagnosis.coverage import Coverage, Shortfall, coverage, shortfalls, unsupported
 from hd_control.lab.diagnosis.dictionary import Dictionary
 from hd_control.lab.diagnosis.fit import Bootstrap, Fit, RawRows
 from hd_control.lab.diagnosis.presliding import presliding
@@ -36,19 +36,19 @@ from hd_control.lab.diagnosis.verdict import (
 
 
 def diagnose(task: Task, dictionary: Dictionary | None = None) -> JointDiagnosis:
-    """The verdict on one joint. `dictionary`: that of `hunt.prepare`, if it is there already."""
+    """The verdict on one joint. `dictionary`: that of `corrections.prepare`, if it is there already."""
     start = time.process_time()
     found = coverage(task.equations)
-    blocked = {name for lack in lacks(found) for name in lack.channels}
+    blocked = {name for shortfall in shortfalls(found) for name in shortfall.channels}
     open_channels = {name: c for name, c in task.equations.channels.items() if name not in blocked}
     if _hopeless(task.equations, found) or not open_channels:
-        return _refusal(task, found, lacks(found), {}, time.process_time() - start)
+        return _refusal(task, found, shortfalls(found), {}, time.process_time() - start)
     if len(open_channels) < len(task.equations.channels):
         task, dictionary = replace(task, equations=replace(task.equations, channels=open_channels)), None
-    search, selection = hunt(task, dictionary)
+    search, selection = search_effects(task, dictionary)
     if TRANSMISSION in open_channels:
         found = replace(found, compliance_error=_compliance_error(search, selection))
-    answer = _answer(task, found, lacks(found), search, selection)
+    answer = _answer(task, found, shortfalls(found), search, selection)
     return replace(answer, seconds=time.process_time() - start)
 
 
@@ -71,7 +71,7 @@ def _hopeless(equations: JointEquations, found: Coverage) -> bool:
 
 
 def _refusal(
-    task: Task, found: Coverage, missing: list[Lack], channels: Mapping[str, ChannelError], seconds: float
+    task: Task, found: Coverage, missing: list[Shortfall], channels: Mapping[str, ChannelError], seconds: float
 ) -> JointDiagnosis:
     return JointDiagnosis(
         joint=task.equations.joint,
@@ -81,23 +81,25 @@ def _refusal(
         experiments=_experiments(missing),
         channels=channels,
         coverage=found,
-        notes=tuple(lack.what for lack in missing),
+        notes=tuple(shortfall.what for shortfall in missing),
         seconds=seconds,
     )
 
 
-def _experiments(missing: list[Lack]) -> tuple[Experiment, ...]:
-    seen = dict.fromkeys((lack.purpose, lack.how) for lack in missing)
+def _experiments(missing: list[Shortfall]) -> tuple[Experiment, ...]:
+    seen = dict.fromkeys((shortfall.purpose, shortfall.how) for shortfall in missing)
     return tuple(Experiment(purpose, how) for purpose, how in seen)
 
 
-def _answer(task: Task, found: Coverage, missing: list[Lack], search: Search, selection: Selection) -> JointDiagnosis:
+def _answer(
+    task: Task, found: Coverage, missing: list[Shortfall], search: Search, selection: Selection
+) -> JointDiagnosis:
     """Names, unknowns, refusals: what may be said of the selection."""
     dictionary, scores = search.dictionary, search.scores
     fit = Fit.of(dictionary, scores, selection)
     raw = RawRows(dictionary, selection)
     channels = _errors(fit, raw, scores, selection)
-    blocked = {name for lack in missing for name in lack.channels}
+    blocked = {name for shortfall in missing for name in shortfall.channels}
     effects, denied, withdrawn = _effects(task, found, search, fit, raw, blocked)
     effects += _near_reversals(task, fit, blocked)
     unknown = unknown_in(fit, raw, search, selection, blocked)
@@ -108,7 +110,7 @@ def _answer(task: Task, found: Coverage, missing: list[Lack], search: Search, se
     verdict = _verdict(effects, unknown, bool(denied), blocked, {*found.acceleration_snr, *found.too_short})
     if verdict == CANNOT_TELL:
         effects, unknown = (), None
-    notes = (*(lack.what for lack in [*missing, *denied]), *withdrawn)
+    notes = (*(shortfall.what for shortfall in [*missing, *denied]), *withdrawn)
     seen = {(e.purpose, e.how): e for e in experiments}
     return JointDiagnosis(
         task.equations.joint, verdict, effects, unknown, tuple(seen.values()), channels, found, notes, fit
@@ -138,7 +140,7 @@ def _errors(fit: Fit, raw: RawRows, scores: Scores, selection: Selection) -> dic
 
 def _effects(
     task: Task, found: Coverage, search: Search, fit: Fit, raw: RawRows, blocked: set[str]
-) -> tuple[tuple[NamedEffect, ...], list[Lack], list[str]]:
+) -> tuple[tuple[NamedEffect, ...], list[Shortfall], list[str]]:
     """The selected library effects that the recording can carry, most important first; what it cannot carry; and which
     names were withdrawn, with the reason."""
     selection = fit.selection
@@ -147,12 +149,12 @@ def _effects(
         return (), [], []
     bootstrap = Bootstrap(fit)
     order: list[tuple[Group, float, float, tuple[Rival, ...]]] = []
-    denied: list[Lack] = []
+    denied: list[Shortfall] = []
     for group in named:
         assert group.effect is not None
-        lack = unsupported(group.effect, found, task.rated_torque)
-        if lack is not None or set(group.channels) <= blocked:
-            denied += [lack] if lack is not None else []
+        shortfall = unsupported(group.effect, found, task.rated_torque)
+        if shortfall is not None or set(group.channels) <= blocked:
+            denied += [shortfall] if shortfall is not None else []
             continue
         support = search.support(group, tuple(g for g in selection if g is not group))
         order.append((group, support.gain, support.t, tuple(rivals(search, selection, group))))
@@ -176,7 +178,7 @@ def _effects(
     refused = len(named) > len(order) and not denied
     if refused:
         what = "structure in channels that the motion cannot decide"
-        denied = [Lack(what, (), "what the motion cannot decide", "see the other experiments")]
+        denied = [Shortfall(what, (), "what the motion cannot decide", "see the other experiments")]
     return tuple(effects), denied, withdrawn
 
 

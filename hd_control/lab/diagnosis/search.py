@@ -32,7 +32,7 @@ class Thresholds:
     most_curves: int = 2
     curve_penalty: float = 25.0
     effect_penalty: float = 15.0
-    ghost: float = 1e-4
+    companion: float = 1e-4
     relative: float = 0.1
     beside_curve: float = 0.3
     curve_relative: float = 0.015
@@ -217,15 +217,15 @@ class Search:
         that are the part of a selected curve that happens to look like them."""
         gains = {id(g): self.support(g, tuple(h for h in selection if h is not g)).gain for g in selection}
 
-        def ghost(g: Group, h: Group) -> bool:
+        def companion(g: Group, h: Group) -> bool:
             if g is h or not set(g.channels) & set(h.channels) or g.is_curve:
                 return False
             family = bool(g.effect and h.effect and g.effect.family and g.effect.family == h.effect.family)
             limits = self.thresholds
-            share = limits.beside_curve if h.is_curve else limits.relative if family else limits.ghost
+            share = limits.beside_curve if h.is_curve else limits.relative if family else limits.companion
             return gains[id(g)] <= share * gains[id(h)]
 
-        strong = tuple(g for g in selection if not any(ghost(g, h) for h in selection))
+        strong = tuple(g for g in selection if not any(companion(g, h) for h in selection))
         rest = {id(g): tuple(h for h in strong if h is not g) for g in strong}
         return tuple(g for g in strong if g.is_curve or self.support(g, rest[id(g)]).gain > self.thresholds.gain)
 

@@ -13,7 +13,7 @@ from hd_control.drive.effect import EffectParameter
 from hd_control.drive.library import effect_named
 from hd_control.drive.model import JointModel, ModelValue
 from hd_control.lab.diagnosis.candidates import Group
-from hd_control.lab.diagnosis.corrections import SECOND_STAGE, Chase, Task, prepare
+from hd_control.lab.diagnosis.corrections import SECOND_STAGE, CorrectedSearch, Task, prepare
 from hd_control.lab.diagnosis.dictionary import Dictionary
 from hd_control.lab.diagnosis.fit import Bootstrap, Interval, interval_of, widened
 from hd_control.lab.diagnosis.presliding import presliding
@@ -77,15 +77,15 @@ def fit_joint(
         raise HdError(f"{effect} is in every model; hd add --refit fits its values again")
     if not task.equations.channels:
         raise HdError(f"{task.equations.joint}: the recorded signals allow no residual channel")
-    chase = Chase(task, prepare(task) if dictionary is None else dictionary)
-    chase.rescale(())
-    selection: Selection = () if effect is None or effect in SECOND_STAGE else (_best_shape(chase, effect),)
-    chase.leave_blind_rows(selection)
+    corrected = CorrectedSearch(task, prepare(task) if dictionary is None else dictionary)
+    corrected.rescale(())
+    selection: Selection = () if effect is None or effect in SECOND_STAGE else (_best_shape(corrected, effect),)
+    corrected.leave_blind_rows(selection)
     for _ in range(ROUNDS):
-        selection, moved = chase.correct(selection)
+        selection, moved = corrected.correct(selection)
         if not moved:
             break
-    table = _Table(task, joint, chase, selection)
+    table = _Table(task, joint, corrected, selection)
     table.base()
     table.known()
     gain = table.added(selection[0]) if selection else 0.0
@@ -95,23 +95,23 @@ def fit_joint(
     return FittedJoint(table.joint, rows, gain)
 
 
-def _best_shape(chase: Chase, effect: str) -> Group:
-    ranking = chase.search.ranking(())
-    shapes = [i for i, group in enumerate(chase.search.groups) if group.name == effect and not group.is_curve]
+def _best_shape(corrected: CorrectedSearch, effect: str) -> Group:
+    ranking = corrected.search.ranking(())
+    shapes = [i for i, group in enumerate(corrected.search.groups) if group.name == effect and not group.is_curve]
     if not shapes:
-        channels = ", ".join(chase.dictionary.rows)
+        channels = ", ".join(corrected.dictionary.rows)
         raise HdError(
             f"{effect} cannot be fitted here: it does not act on {channels}, or a signal that it needs is missing"
         )
-    return chase.search.groups[max(shapes, key=lambda i: float(ranking[i]))]
+    return corrected.search.groups[max(shapes, key=lambda i: float(ranking[i]))]
 
 
 class _Table:
     """Rows of the parameter table and the model that grows with them."""
 
-    def __init__(self, task: Task, joint: JointModel, chase: Chase, selection: Selection) -> None:
-        self.task, self.joint, self.chase = task, joint, chase
-        self.fit = chase.fit(selection)
+    def __init__(self, task: Task, joint: JointModel, corrected: CorrectedSearch, selection: Selection) -> None:
+        self.task, self.joint, self.corrected = task, joint, corrected
+        self.fit = corrected.fit(selection)
         self.bootstrap = Bootstrap(self.fit)
         self.rows: list[FittedParameter] = []
         self._draws: dict[tuple[str, str], FloatArray] = {}
@@ -140,7 +140,7 @@ class _Table:
     def added(self, group: Group) -> float:
         """Values of the added effect; returns its held-out gain, nats."""
         self._group(group)
-        return self.chase.search.support(group, ()).gain
+        return self.corrected.search.support(group, ()).gain
 
     def near_reversals(self, name: str) -> float:
         """Values of presliding. Raises HdError if the rows near reversals do not show it."""

@@ -1,6 +1,6 @@
 """The steps of the story, one after the other. The seal is written first and opened last.
 
-    outcome = tell(make_story(seed=0), Path("bags/demo"), TellOptions(lockstep=True), print)
+    outcome = run_demo(make_story(seed=0), Path("bags/demo"), DemoOptions(lockstep=True), print)
 
 Ctrl-C at any step ends every process; what is finished stays, and the exception names it.
 """
@@ -52,15 +52,15 @@ class Commands:
     """Runs `hd` commands in a folder; their text goes to FOLDER/logs, their answer is the JSON that they write."""
 
     def __init__(
-        self, folder: Path, tell: Callable[[str], None], domain: int | None = None, gently: bool = False
+        self, folder: Path, say: Callable[[str], None], domain: int | None = None, gently: bool = False
     ) -> None:
         """`gently`: leave the processor to nodes that run on the wall clock."""
-        self._folder, self._tell, self._domain, self._nice = folder, tell, domain, 10 if gently else 0
+        self._folder, self._say, self._domain, self._nice = folder, say, domain, 10 if gently else 0
 
     def run(self, words: Sequence[str], answer: str, allowed: Sequence[int] = FINE) -> dict[str, Any]:
         """Runs `hd WORDS --json ANSWER` returns the JSON. Raises HdError with the command's own line if it fails."""
         shown = f"hd {shlex.join(words)}"
-        self._tell(shown)
+        self._say(shown)
         log = self._folder / "logs" / f"{Path(answer).stem}.txt"
         log.parent.mkdir(exist_ok=True)
         command = [sys.executable, "-m", "hd_control.cli.main", *words, "--json", answer, "--force"]
@@ -174,11 +174,11 @@ SEAL, DIAGNOSIS, BETTER, CONTROLLERS = "truth.seal", "diagnosis.json", "better.y
 EXCITATION, BEFORE, AFTER = "excitation", "goal_before", "goal_after"
 STARTED, NODES = "controllers_before", ("torque_node", "fusion_node", "motion_node")
 APPLY_SAYS_NO = 1
-Tell = Callable[[str], None]
+Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class TellOptions:
+class DemoOptions:
     """`wall`: never fall back to lock-step. `domain` None: a free one. `every_joint`: ladders for all joints.
 
     On the wall clock every node is a process; in lock-step `one_process` holds them all (but the recorder).
@@ -192,7 +192,7 @@ class TellOptions:
     one_process: bool = True
 
 
-def tell(story: StoryPlan, folder: Path, options: TellOptions, say: Tell) -> Outcome:
+def run_demo(story: StoryPlan, folder: Path, options: DemoOptions, say: Say) -> Outcome:
     """Runs the story into a new folder. Raises HdError; KeyboardInterrupt with a text that names what is kept."""
     enough_disk(folder.parent, story.seconds, story.visible.joints)
     with alone(f"writing {folder}"), _kept(folder):
@@ -219,12 +219,12 @@ def _kept(folder: Path) -> Iterator[None]:
         raise
 
 
-def _with_fallback(story: StoryPlan, folder: Path, options: TellOptions, say: Tell) -> Outcome:
+def _with_fallback(story: StoryPlan, folder: Path, options: DemoOptions, say: Say) -> Outcome:
     """On the wall clock; if the machine does not keep 1 kHz, the whole story again in lock-step."""
     if options.lockstep:
-        return _Telling(story, folder, options, True, say).run()
+        return _DemoRun(story, folder, options, True, say).run()
     try:
-        return _Telling(story, folder, options, False, say).run()
+        return _DemoRun(story, folder, options, False, say).run()
     except (NotKept, GoalError) as error:
         if options.wall:
             raise
@@ -234,13 +234,13 @@ def _with_fallback(story: StoryPlan, folder: Path, options: TellOptions, say: Te
     for path in sorted(folder.iterdir()):
         if path not in (attempt, folder / SEAL):
             path.rename(attempt / path.name)
-    return _Telling(story, folder, options, True, say).run()
+    return _DemoRun(story, folder, options, True, say).run()
 
 
-class _Telling:
+class _DemoRun:
     """One run of the story on one clock."""
 
-    def __init__(self, story: StoryPlan, folder: Path, options: TellOptions, lockstep: bool, say: Tell) -> None:
+    def __init__(self, story: StoryPlan, folder: Path, options: DemoOptions, lockstep: bool, say: Say) -> None:
         self.story, self.folder, self.options, self.say = story, folder, options, say
         self.domain = free_domain(options.domain)
         self.commands = Commands(folder, lambda text: say(f"$ {text}"), self.domain, gently=not lockstep)
