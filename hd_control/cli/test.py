@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import ast
 import importlib.util
 import json
 import os
@@ -17,88 +18,16 @@ from typing import Any
 from hd_control.cli.options import add_output_options, say, write_json
 from hd_control.core.errors import AnswerIsNo, HdError
 
-# ----------------------------------------------------------------------------------------------------
-# The tests that only calculate, in processes of their own beside those that start nodes.
-
-
-ALONE = "HD_TEST_ALONE"
-"""Set in the environment of the second run: it starts no third."""
-LIVE = "process"
-"""Mark of the tests that start processes or look at a wall clock; all others may run beside anything."""
-
-
-def narrowed(options: Sequence[str], expression: str) -> list[str]:
-    """Options of pytest that choose, of the tests chosen by `options`, those with a mark."""
-    found = list(options)
-    for k, word in enumerate(found[:-1]):
-        if word == "-m":
-            found[k + 1] = f"({found[k + 1]}) and {expression}"
-            return found
-    return [*found, "-m", expression]
-
-
-def _yield_to_live_nodes() -> None:
-    """In the new process: runs only where nothing else wants to, and gives way at once."""
-    try:
-        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
-    except OSError:
-        os.nice(19)
-
-
-def _spread() -> list[str]:
-    """Options that spread the files over all processors: the live half leaves one and a half of two unused."""
-    if importlib.util.find_spec("xdist") is None:
-        return []
-    return ["-n", str(os.cpu_count() or 1), "--dist", "loadfile"]
-
-
-class SecondRun:
-    """Starts `hd test` on what only calculates; `finish` prints what it said and returns its document."""
-
-    def __init__(self, root: Path, options: Sequence[str]) -> None:
-        self._place = tempfile.TemporaryDirectory(prefix="hd_test_")
-        self._document = Path(self._place.name) / "outcome.json"
-        self._log = Path(self._place.name) / "log"
-        command = [sys.executable, "-m", "hd_control.cli.main", "test", "--json", str(self._document)]
-        with self._log.open("wb") as log:
-            command += [*narrowed(options, f"not {LIVE}"), *_spread(), str(root / "test")]
-            self._process = subprocess.Popen(
-                command, cwd=root, stdout=log, stderr=subprocess.STDOUT, preexec_fn=_yield_to_live_nodes,
-                env={**os.environ, ALONE: "1"},
-            )  # fmt: skip
-
-    @staticmethod
-    def worth_it(options: Sequence[str]) -> bool:
-        """True with two or more processors, unless a debugger is wanted: that needs the terminal."""
-        alone = ALONE in os.environ or (os.cpu_count() or 1) == 1
-        return not alone and not {"--pdb", "--trace"}.intersection(options)
-
-    def finish(self) -> dict[str, Any]:
-        """Waits, prints, and returns counts, failures and exit code. A run that died counts as exit code 3."""
-        try:
-            code = self._process.wait()
-            sys.stdout.write(self._log.read_text(errors="replace"))
-            sys.stdout.flush()
-            if not self._document.exists():
-                return {"passed": 0, "failed": 0, "skipped": 0, "failures": [], "exit_code": code or 3}
-            found: dict[str, Any] = json.loads(self._document.read_text())
-            return found
-        finally:
-            if self._process.poll() is None:
-                self._process.terminate()
-                self._process.wait()
-            self._place.cleanup()
-
-
-# ----------------------------------------------------------------------------------------------------
-
-
 NAME = "test"
 HELP = "run the test suite, style and type checks; unknown options go to pytest"
 EXAMPLE = "hd test -k gate -x"
 PASS_UNKNOWN = True
 
 ROOT = Path(__file__).resolve().parents[2]
+ALONE = "HD_TEST_ALONE"
+"""Set in the environment of the second run: it starts no third."""
+LIVE = "process"
+"""Mark of the tests that start processes or look at a wall clock; all others may run beside anything."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -137,20 +66,30 @@ class Counter:
                 self.failures.append(report.nodeid)
 
 
+def goals_of(path: Path) -> tuple[str, ...]:
+    """The goals that a campaign measures: the line `GOALS = ("G1",)` of its file, read without running it.
+
+    Raises HdError if the file has no such line.
+    """
+    for node in ast.parse(path.read_text()).body:
+        if isinstance(node, ast.Assign) and [ast.unparse(target) for target in node.targets] == ["GOALS"]:
+            return tuple(ast.literal_eval(node.value))
+    raise HdError(f'{path}: a campaign names its goals in one line, GOALS = ("G1",)')
+
+
 def campaigns(root: Path, goals: list[str] | None = None) -> list[Path]:
-    """The long campaigns that exist, `test_g1_*.py` for G1 and so on; all, or those of some goals.
+    """The long campaigns of test/campaigns; all, or those that measure some goals, each once, in the order asked for.
 
     Raises HdError for a goal without a campaign.
     """
-    found = sorted((root / "test" / "campaigns").glob("test_*.py"))
+    found = {path: goals_of(path) for path in sorted((root / "test" / "campaigns").glob("test_*.py"))}
     if not goals:
-        return found
-    chosen = [path for goal in goals for path in found if path.stem.split("_")[1] == goal.lower()]
-    known = sorted({path.stem.split("_")[1].upper() for path in found})
+        return [*found]
+    known = sorted({goal for measured in found.values() for goal in measured})
     for goal in goals:
         if goal.upper() not in known:
             raise HdError(f"there is no long campaign of {goal}; there is {', '.join(known)}")
-    return chosen
+    return [*dict.fromkeys(path for goal in goals for path, measured in found.items() if goal.upper() in measured)]
 
 
 def selection(arguments: argparse.Namespace) -> list[str]:
@@ -229,3 +168,66 @@ def run(arguments: argparse.Namespace) -> int:
     if second is not None:
         say(arguments, ", ".join(f"{count} {name}" for name, count in counter.outcomes.items()) + " in both halves")
     return {pytest.ExitCode.OK: 0, pytest.ExitCode.TESTS_FAILED: 1}.get(pytest.ExitCode(code), 2)
+
+
+def narrowed(options: Sequence[str], expression: str) -> list[str]:
+    """Options of pytest that choose, of the tests chosen by `options`, those with a mark."""
+    found = list(options)
+    for k, word in enumerate(found[:-1]):
+        if word == "-m":
+            found[k + 1] = f"({found[k + 1]}) and {expression}"
+            return found
+    return [*found, "-m", expression]
+
+
+def _yield_to_live_nodes() -> None:
+    """In the new process: runs only where nothing else wants to, and gives way at once."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    except OSError:
+        os.nice(19)
+
+
+def _spread() -> list[str]:
+    """Options that spread the files over all processors: the live half leaves one and a half of two unused."""
+    if importlib.util.find_spec("xdist") is None:
+        return []
+    return ["-n", str(os.cpu_count() or 1), "--dist", "loadfile"]
+
+
+class SecondRun:
+    """Starts `hd test` on what only calculates; `finish` prints what it said and returns its document."""
+
+    def __init__(self, root: Path, options: Sequence[str]) -> None:
+        self._place = tempfile.TemporaryDirectory(prefix="hd_test_")
+        self._document = Path(self._place.name) / "outcome.json"
+        self._log = Path(self._place.name) / "log"
+        command = [sys.executable, "-m", "hd_control.cli.main", "test", "--json", str(self._document)]
+        with self._log.open("wb") as log:
+            command += [*narrowed(options, f"not {LIVE}"), *_spread(), str(root / "test")]
+            self._process = subprocess.Popen(
+                command, cwd=root, stdout=log, stderr=subprocess.STDOUT, preexec_fn=_yield_to_live_nodes,
+                env={**os.environ, ALONE: "1"},
+            )  # fmt: skip
+
+    @staticmethod
+    def worth_it(options: Sequence[str]) -> bool:
+        """True with two or more processors, unless a debugger is wanted: that needs the terminal."""
+        alone = ALONE in os.environ or (os.cpu_count() or 1) == 1
+        return not alone and not {"--pdb", "--trace"}.intersection(options)
+
+    def finish(self) -> dict[str, Any]:
+        """Waits, prints, and returns counts, failures and exit code. A run that died counts as exit code 3."""
+        try:
+            code = self._process.wait()
+            sys.stdout.write(self._log.read_text(errors="replace"))
+            sys.stdout.flush()
+            if not self._document.exists():
+                return {"passed": 0, "failed": 0, "skipped": 0, "failures": [], "exit_code": code or 3}
+            found: dict[str, Any] = json.loads(self._document.read_text())
+            return found
+        finally:
+            if self._process.poll() is None:
+                self._process.terminate()
+                self._process.wait()
+            self._place.cleanup()

@@ -1,4 +1,4 @@
-"""Goal G8: published = written + reported drops in every run, overload and transport loss at random."""
+"""Published = written + reported drops in every run, overload and transport loss at random."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from counts import SEED, count, enough
 from results import write_result
 from test_recorder import account_once
 from test_recorder_ends import test_five_times_too_many_samples_are_all_accounted_for as five_times
+
+GOALS = ("G8",)
 
 RUNS = 500
 

@@ -14,6 +14,8 @@ from hd_control.demo.plan import StoryPlan, make_story
 from hd_control.demo.run import DemoOptions, run_demo
 from hd_sim.scenario import Scenario, make_plan
 
+GOALS = ("DEMO",)
+
 pytestmark = pytest.mark.process
 
 

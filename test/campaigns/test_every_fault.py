@@ -1,4 +1,4 @@
-"""Goal G18: every code of the fault table with name, page, action, text and a test that is called by its number."""
+"""Every code of the fault table with name, page, action, text and a test that is called by its number."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from results import write_result
 from test_fault_pages import missing_parts
 
 from hd_control.core.faults import FaultCode, pages
+
+GOALS = ("G18",)
 
 
 def test_g18_fault_pages():

@@ -1,4 +1,4 @@
-"""G1, G2 and G19: fault injections, single and in pairs. hd test --long G1 --count 300"""
+"""Fault injections, single and in pairs. hd test --long G1 --count 300"""
 
 import os
 from concurrent.futures import ProcessPoolExecutor
@@ -8,6 +8,8 @@ from fault_cases import run_case, shrink
 from results import write_result
 
 from hd_sim.fault_injection import draw_case
+
+GOALS = ("G1", "G2", "G19")
 
 COUNT = count(10_000)
 BLOCK = 50

@@ -1,4 +1,4 @@
-"""Goal G9: every kind of disk error at a random tick; torques stay bit for bit, the error is told within a second.
+"""Every kind of disk error at a random tick; torques stay bit for bit, the error is told within a second.
 
 The recorder's process ends with a code that is not 0: a real file-size limit is put on it while it records.
 """
@@ -16,6 +16,8 @@ from results import write_result
 from test_recording_failures import fail_once, torques
 
 from hd_control.session.session import RunPlan, Session
+
+GOALS = ("G9",)
 
 RUNS = 50
 CODES = (errno.ENOSPC, errno.EIO, errno.EROFS, errno.EDQUOT, errno.EFBIG)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from results import write_result
 from targets import check_case, targets
 
+GOALS = ("FUZZ",)
+
 CASES, FIRST = 2000, 60
 
 

@@ -1,4 +1,4 @@
-"""G4: the compiled gate on random numbers of every kind, judged by the oracle's conditions on whole arrays."""
+"""The compiled gate on random numbers of every kind, judged by the oracle's conditions on whole arrays."""
 
 import math
 import os
@@ -8,6 +8,8 @@ from counts import count
 from results import write_result
 
 from hd_control.safety import gate as sg
+
+GOALS = ("G4",)
 
 SEED = int(os.environ.get("HD_SEED", "20240229"))
 CASES = count(1_000_000)

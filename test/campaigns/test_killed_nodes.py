@@ -1,4 +1,4 @@
-"""Goal G12: laws die at random ticks in lock-step, nodes are killed live: a stop within 10 ticks, then no torque."""
+"""Laws die at random ticks in lock-step, nodes are killed live: a stop within 10 ticks, then no torque."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from results import write_result
 
 from hd_control.session.session import RunPlan, Session
 from hd_sim.fault_injection import Case, Injection, make_runner
+
+GOALS = ("G12",)
 
 KILLS, LIVE_SHARE = 50, 10
 LAWS = ("fusion", "motion", "torque")

@@ -1,4 +1,4 @@
-"""Goal G10: an hour of the whole arm twice, 3.6 million ticks each: every sample there once, equal hashes, flat memory.
+"""An hour of the whole arm twice, 3.6 million ticks each: every sample there once, equal hashes, flat memory.
 
 hd test --long G10 -s --hours 24        # a day; 0.1 for six minutes
 """
@@ -10,6 +10,8 @@ from concurrent.futures import ProcessPoolExecutor
 
 from results import write_result
 from soak import soak
+
+GOALS = ("G10",)
 
 SECONDS = round(3600 * float(os.environ.get("HD_HOURS", "1")))
 MOST_GROWTH = 1 << 20

@@ -1,8 +1,10 @@
-"""Goal G13: the system clock jumps by a second or an hour at random ticks: every number of the control stays."""
+"""The system clock jumps by a second or an hour at random ticks: every number of the control stays."""
 
 from clock_jumps import FakeClock, hash_of_run, put_in_place, random_jumps, wall_ticks
 from counts import SEED, count, enough
 from results import write_result
+
+GOALS = ("G13",)
 
 JUMPS, PER_RUN = 200, 50
 

@@ -1,4 +1,4 @@
-"""G17: branches and mutants of gate, guard, limits and monitors. hd test --long G17; --count 60 takes about sixty."""
+"""Branches and mutants of gate, guard, limits and monitors. hd test --long G17; --count 60 takes about sixty."""
 
 import os
 from concurrent.futures import ThreadPoolExecutor
@@ -8,6 +8,8 @@ from counts import count
 from equivalent import reason_of
 from mutants import MODULES, MutantServer, mutants, notices, path_of, with_probes
 from results import write_result
+
+GOALS = ("G17",)
 
 ENOUGH = 0.95
 

@@ -1,10 +1,12 @@
-"""Goal G6: the power goes at every turn of the recording loop; what was not forced to the disk is gone."""
+"""The power goes at every turn of the recording loop; what was not forced to the disk is gone."""
 
 from __future__ import annotations
 
 from counts import SEED, count, enough
 from results import write_result
 from test_recorder_ends import power_cuts
+
+GOALS = ("G6",)
 
 CUTS = 1000
 

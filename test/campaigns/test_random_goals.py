@@ -1,4 +1,4 @@
-"""Goal G15: random goals with limits just above and just below what a dense oracle finds; and what a check costs."""
+"""Random goals with limits just above and just below what a dense oracle finds; and what a check costs."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from results import write_result
 
 from hd_control.laws.goals import check_goal
 from hd_control.laws.trajectory import Goal
+
+GOALS = ("G15",)
 
 ROOT = Path(__file__).resolve().parents[2]
 CASES, REPEATS = 20_000, 20

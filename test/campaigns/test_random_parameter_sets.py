@@ -1,4 +1,4 @@
-"""Goal G14: random sets of parameters with one wrong value, and right ones; half of each."""
+"""Random sets of parameters with one wrong value, and right ones; half of each."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from results import write_result
 from test_wrong_parameters import judge_right_sets, judge_wrong_sets
 
 from hd_sim.runner import LAWS
+
+GOALS = ("G14",)
 
 CASES = 20_000
 

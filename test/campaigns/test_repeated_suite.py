@@ -1,4 +1,4 @@
-"""Goal G22: the quick tests of the safety rules again and again, each time with another seed; no second try."""
+"""The quick tests of the safety rules again and again, each time with another seed; no second try."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from pathlib import Path
 from counts import SEED, count, enough
 from results import write_result
 
+GOALS = ("G22",)
+
 ROOT = Path(__file__).resolve().parents[2]
 REPEATS = 50
 TESTS = (
@@ -17,7 +19,7 @@ TESTS = (
     "test/safety/test_guard.py",
     "test/laws/test_goal_check.py",
     "test/safety/test_sensor_monitors.py",
-    "test/stages",
+    "test/chain",
     "test/hd_sim/test_fault_campaign.py",
     "test/hd_sim/test_clock_jumps.py",
     "test/hd_sim/test_drive_seam.py",

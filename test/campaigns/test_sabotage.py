@@ -11,6 +11,8 @@ from counts import count
 from results import write_result
 from saboteur import is_noticed
 
+GOALS = ("SABOTAGE",)
+
 CHOSEN = BUGS[:: -(-len(BUGS) // count(len(BUGS)))]
 NUMBERED = [bug for bug in BUGS if bug[0].split()[0][1:].isdigit()]
 

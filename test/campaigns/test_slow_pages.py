@@ -8,6 +8,8 @@ import pytest
 from command_blocks import ROOT, commands, pages
 from page_runs import run_page
 
+GOALS = ("DOCS",)
+
 PAGES = [page for page in pages() if any(command.kind == "slow" for command in commands(page))]
 
 

@@ -1,4 +1,4 @@
-"""G20: stop and reset, again and again."""
+"""Stop and reset, again and again."""
 
 import os
 from concurrent.futures import ProcessPoolExecutor
@@ -7,6 +7,8 @@ from functools import partial
 from counts import SEED, count, enough
 from restart_runs import restart_cycles
 from results import write_result
+
+GOALS = ("G20",)
 
 CYCLES = min(50, count(1000))
 RUNS = count(1000) // CYCLES

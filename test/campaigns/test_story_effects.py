@@ -6,6 +6,8 @@ import pytest
 from results import write_result
 from test_story import KNOWN, QUICK, test_the_missing_effect_is_named_added_and_the_error_falls
 
+GOALS = ("STORY",)
+
 told = test_the_missing_effect_is_named_added_and_the_error_falls
 del test_the_missing_effect_is_named_added_and_the_error_falls  # is collected where it is defined
 
