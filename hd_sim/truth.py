@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hd_control.core.errors import ConfigError
+from hd_control.core.files import whole_file
 from hd_sim.hidden_effects import EFFECTS, OUTSIDE, VOCABULARY, Drive, sizes
 from hd_sim.plant_config import SETTINGS, PlantConfig
 from hd_sim.sensors import noise_key
@@ -201,13 +202,13 @@ def write_seal(path: str | Path, truth: Mapping[str, Any]) -> None:
         "sha256": hashlib.sha256(text).hexdigest(),
         "content": content,
     }
-    try:
-        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot write the seal ({error.strerror})") from None
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        json.dump(sealed, file, indent=1)
-        file.write("\n")
+    if os.path.lexists(path):
+        raise ConfigError(f"{path}: exists already; a seal is never replaced, choose another name")
+    with whole_file(path, ConfigError) as place:
+        handle = os.open(place, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            json.dump(sealed, file, indent=1)
+            file.write("\n")
 
 
 def open_seal(path: str | Path) -> dict[str, Any]:

@@ -105,15 +105,14 @@ def _files(arguments: argparse.Namespace) -> tuple[Applied, list[Path], Said]:
 
 def _write(texts: Mapping[Path, str], folder: Path | None) -> None:
     from hd_control.core.errors import ConfigError
-    from hd_control.record.bag_folder import whole_file
+    from hd_control.core.files import write_whole
 
     if folder is not None:
         if folder.exists() and not folder.is_dir():
             raise ConfigError(f"{folder}: is a file; two --params need a folder")
         folder.mkdir(exist_ok=True)
     for path, text in texts.items():
-        with whole_file(path) as place:
-            place.write_text(text, encoding="utf-8")
+        write_whole(path, text)
 
 
 def _applied(arguments: argparse.Namespace, values: Mapping[str, Any]) -> Applied:

@@ -38,17 +38,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Writes the parameter file; 0 done, 3 if the bag could be read in part only. Refuses a turn that does not tell."""
+    """Writes the parameter file; 0 done, 3 if the bag could be read in part only. Refuses a turn that does not determine them."""
     from pathlib import Path
 
     from hd_control.cli.options import refuse_overwrite, say, write_json
+    from hd_control.core.files import write_whole
     from hd_control.core.resources import find_config
     from hd_control.core.strict_yaml import load_params_file
     from hd_control.drive.model_file import load_model
     from hd_control.lab.signals.recording import read_recording
     from hd_control.laws import fusion
     from hd_control.laws.calibration import PARTS
-    from hd_control.record.bag_folder import whole_file
 
     output, source = Path(arguments.output), find_config(arguments.params)
     refuse_overwrite(output, arguments.force)
@@ -59,8 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     parts = tuple(arguments.only or PARTS)
     fits = {joint: calibrate(recording, model, values, joint, parts) for joint in joints}
     changed = with_fits(values, fits)
-    with whole_file(output) as place:
-        place.write_text(params_text(changed, fits, recording.path), encoding="utf-8")
+    write_whole(output, params_text(changed, fits, recording.path))
     for text in (*recording.problems, *recording.notes):
         say(arguments, f"  ! {text}")
     for joint, fit in fits.items():
@@ -88,7 +87,7 @@ def chosen_joints(asked: list[str] | None, recording: Recording, values: Mapping
 def calibrate(
     recording: Recording, model: Model, values: Mapping[str, Any], joint: str, parts: tuple[str, ...]
 ) -> GaugeFit:
-    """The gauge parameters of one joint. Raises BagError if the recording does not tell them."""
+    """The gauge parameters of one joint. Raises BagError if the recording does not determine them."""
     from hd_control.laws.calibration import fit_gauge
 
     row = list(values["joint_names"]).index(joint)

@@ -64,8 +64,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _new(arguments: argparse.Namespace) -> int:
     import secrets
+    import shutil
 
     from hd_control.cli.options import refuse_overwrite, say, write_json
+    from hd_control.core.files import whole_folder
     from hd_sim.puzzles.puzzle import make_arm_challenge, make_challenge
 
     seed = secrets.randbelow(100_000) if arguments.seed is None else arguments.seed
@@ -73,16 +75,10 @@ def _new(arguments: argparse.Namespace) -> int:
     folder = Path(arguments.output)
     refuse_overwrite(folder, arguments.force)
     _old_challenge(folder)
-    partial = folder.with_name(f".{folder.name}.partial")
-    _fresh(partial)
-    try:
-        made = make_arm_challenge(partial, seed) if case is None else make_challenge(partial, case)
+    with whole_folder(folder, lambda: shutil.rmtree(folder, ignore_errors=True)) as place:
+        place.mkdir()
+        made = make_arm_challenge(place, seed) if case is None else make_challenge(place, case)
         _write_model(made)
-        _remove(folder)
-        partial.rename(folder)
-    except BaseException:
-        _remove(partial)
-        raise
     say(arguments, f"{folder}: two recordings, model.yaml, the truth sealed; {folder / 'README.txt'} says how to go on")
     write_json(arguments, {"schema": "hd.challenge_new/1", "folder": str(folder), "joints": list(made.joint_names)})
     return 0
@@ -115,23 +111,6 @@ def _old_challenge(folder: Path) -> None:
 
     if folder.exists() and not (folder / SEAL).is_file():
         raise ConfigError(f"{folder}: is no challenge; --force replaces only a folder with {SEAL}")
-
-
-def _fresh(folder: Path) -> None:
-    """An empty folder in place of what an interrupted run left."""
-    from hd_control.core.errors import ConfigError
-
-    _remove(folder)
-    try:
-        folder.mkdir()
-    except OSError as error:
-        raise ConfigError(f"{folder.parent}: cannot make a folder there ({error.strerror})") from None
-
-
-def _remove(folder: Path) -> None:
-    import shutil
-
-    shutil.rmtree(folder, ignore_errors=True)
 
 
 def _write_model(made: Challenge) -> None:

@@ -70,15 +70,14 @@ def run(arguments: argparse.Namespace) -> int:
 def _mjcf(arguments: argparse.Namespace, output: Path) -> int:
     """Writes a model for MuJoCo and says what it leaves out."""
     from hd_control.cli.options import refuse_overwrite, say, write_json
+    from hd_control.core.files import write_whole
     from hd_control.drive.mjcf import left_out, mjcf_text
     from hd_control.drive.model_file import load_model
-    from hd_control.record.bag_folder import whole_file
 
     refuse_overwrite(output, arguments.force)
     model = load_model(arguments.bag)
     text = mjcf_text(model, output.stem, arguments.rigid, arguments.joint or ())
-    with whole_file(output) as place:
-        place.write_text(text, encoding="utf-8")
+    write_whole(output, text)
     joints = {name: left_out(model.joint(name)) for name in arguments.joint or model.joints}
     say(arguments, f"{output}: {', '.join(joints)}")
     for name, words in joints.items():
@@ -96,7 +95,7 @@ def _joints_to_read(arguments: argparse.Namespace) -> list[str] | None:
 
 def _table(arguments: argparse.Namespace, recording: Recording) -> list[Path]:
     from hd_control.cli.options import Progress, say
-    from hd_control.record.bag_folder import whole_file
+    from hd_control.core.files import whole_file
     from hd_control.record.tables import write_csv, write_npz
 
     output = Path(arguments.output)
@@ -118,7 +117,7 @@ def _table(arguments: argparse.Namespace, recording: Recording) -> list[Path]:
 
 
 def _arrays(recording: Recording) -> dict[str, Any]:
-    """`time` (n,), `joints` (names), each signal (n, joints) with NaN where a joint lacks it."""
+    """`time` (n,), `joints` (names), each signal (n, joints) with NaN where a joint does not have it."""
     import numpy as np
 
     from hd_control.lab.signals.joint_signals import SIGNALS

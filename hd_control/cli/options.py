@@ -7,7 +7,6 @@ import json
 import math
 import os
 import sys
-import tempfile
 import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -72,6 +71,8 @@ def write_json(arguments: argparse.Namespace, document: dict[str, Any]) -> None:
 
     The document names its `schema` ("hd.compare/1"). Raises HdError if the file exists and `--force` was not given.
     """
+    from hd_control.core.files import write_whole
+
     if "schema" not in document:
         raise ValueError("a JSON document names its schema")
     if arguments.json is None:
@@ -82,17 +83,7 @@ def write_json(arguments: argparse.Namespace, document: dict[str, Any]) -> None:
         return
     path = Path(arguments.json)
     refuse_overwrite(path, arguments.force)
-    handle, partial = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(partial, 0o666 & ~mask)
-        os.replace(partial, path)
-    except BaseException:
-        Path(partial).unlink(missing_ok=True)
-        raise
+    write_whole(path, text)
 
 
 class Progress:

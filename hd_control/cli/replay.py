@@ -172,9 +172,9 @@ def _page(
     """The outputs that differ, replayed beside recorded, as one self-contained page."""
     from html import escape
 
+    from hd_control.core.files import write_whole
     from hd_control.lab.page.model_figures import UNITS, replay_figure
     from hd_control.lab.page.page import Figures, card, html_page, paragraph
-    from hd_control.record.bag_folder import whole_file
 
     figures, time = Figures(), (bag.ticks - bag.ticks[0]) * bag.period
     pieces = [card(f"<pre>{escape(chr(10).join(lines(bag, made, found, changed)))}</pre>")]
@@ -184,8 +184,7 @@ def _page(
         figure = replay_figure(title, UNITS[one.field], time, recorded, new, bag.robot.joint_names)
         pieces.append(card(figures.place(figure)))
     head = paragraph(f"Recording: {bag.path}", "meta")
-    with whole_file(arguments.html) as place:
-        place.write_text(html_page("hd replay", head, "", "".join(pieces), figures), encoding="utf-8")
+    write_whole(arguments.html, html_page("hd replay", head, "", "".join(pieces), figures))
 
 
 def _live(arguments: argparse.Namespace) -> int:

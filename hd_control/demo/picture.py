@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from hd_control.core.files import write_whole
 from hd_control.demo.outcome import Outcome, verdicts
 from hd_control.lab.page.model_figures import Rung, ladder_figure
 from hd_control.lab.page.page import Figures, card, html_page, listed, paragraph
 from hd_control.lab.page.pictures import find_browser, write_figures
 from hd_control.lab.page.style import FLOOR, FORWARD_COLOUR, Figure, axis, layout, line, thinned
 from hd_control.lab.signals.tracking import Tracking
-from hd_control.record.bag_folder import whole_file
 
 HEIGHT = 620
 MEANING = (
@@ -102,14 +102,13 @@ def _joints(figure: Figure, notes: list[dict[str, Any]], before: Tracking, after
 
 
 def write_page(path: Path, outcome: Outcome, figure: Figure, lines: list[str]) -> None:
-    """The page of the story: picture, what it means, the table and the commands. Raises BagError."""
+    """The page of the story: picture, what it means, the table and the commands. Raises HdError."""
     figures = Figures()
     place = figures.place(figure)
     said = [*verdicts(outcome), "The seal was opened after the diagnosis was written; nothing read it before."]
     body = card(place, listed(said), "<h3>The table</h3>", f"<pre>{_escaped(lines)}</pre>")
     head = paragraph(MEANING, "meta")
-    with whole_file(path) as place_of:
-        place_of.write_text(html_page("hd demo", head, "", body, figures), encoding="utf-8")
+    write_whole(path, html_page("hd demo", head, "", body, figures))
 
 
 def _escaped(lines: list[str]) -> str:

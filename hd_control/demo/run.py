@@ -28,6 +28,7 @@ from pathlib import Path
 from typing import Any
 
 from hd_control.core.errors import GoalError, HdError
+from hd_control.core.files import write_whole
 from hd_control.core.parameters import params_text
 from hd_control.demo.live import LiveRobot, NotKept
 from hd_control.demo.outcome import Outcome, quantity, tracking_in
@@ -280,7 +281,7 @@ class _DemoRun:
         place.mkdir()
         setup = RunSetup(self.story.visible, self.story.seed, self.story.values)
         for node in NODES:
-            (place / f"{node}.yaml").write_text(params_text(setup.node_values(node)), encoding="utf-8")
+            write_whole(place / f"{node}.yaml", params_text(setup.node_values(node)))
 
     def _look(self) -> None:
         """Compare and diagnose. They know the recordings and the data sheet."""

@@ -5,15 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import os
 import re
-import tempfile
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from hd_control.core.errors import ConfigError
+from hd_control.core.files import write_whole
 from hd_control.core.strict_yaml import expect_keys, parse_yaml
 from hd_control.drive.effect import Context, Effect, EffectParameter
 from hd_control.drive.expression import Expression, Table, check_names
@@ -382,16 +381,7 @@ def save_model(
     text = model_text(written)
     if len(text.encode()) > MAX_BYTES:
         raise ConfigError(f"{path}: the model would be larger than {MAX_BYTES} bytes; put its URDF beside it as a file")
-    try:
-        handle, partial = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as stream:
-            stream.write(text)
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(partial, 0o666 & ~mask)
-        os.replace(partial, path)
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot write ({error.strerror})") from None
+    write_whole(path, text, ConfigError)
     return written
 
 

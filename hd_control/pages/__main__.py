@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from hd_control.core.files import write_whole
 from hd_control.pages.pages import PAGES
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "reference"
@@ -17,7 +18,7 @@ def main() -> None:
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
     folder.mkdir(parents=True, exist_ok=True)
     for name, make in PAGES.items():
-        (folder / name).write_text(make(), encoding="utf-8")
+        write_whole(folder / name, make())
 
 
 if __name__ == "__main__":

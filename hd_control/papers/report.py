@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from hd_control.core.errors import HdError
+from hd_control.core.files import write_whole
 from hd_control.papers.rows import CAVEAT, TITLES, Row, met_text, number, target_text
 
 STYLE = """
@@ -33,10 +33,7 @@ def write_report(
     ]
     for paper in dict.fromkeys(row.paper for row in rows):
         parts += _section(paper, [row for row in rows if row.paper == paper], figures.get(paper, ()))
-    try:
-        path.write_text("\n".join([*parts, "</body></html>"]) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise HdError(f"{path}: cannot write the report ({error.strerror})") from None
+    write_whole(path, "\n".join([*parts, "</body></html>"]) + "\n")
     return path
 
 

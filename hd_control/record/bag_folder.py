@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import errno
-import os
 import shutil
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,26 +12,17 @@ from pathlib import Path
 from typing import Any
 
 from hd_control.core.errors import BagError, ConfigError
+from hd_control.core.faults import FaultCode
+from hd_control.core.files import refusal, replaced, whole_folder
 
 FLOOR_BYTES, FLOOR_SHARE = 1 << 30, 0.05
 
-_REMEDY = {
-    errno.ENOSPC: "free some space or record to another disk",
-    errno.EDQUOT: "the quota is used up; record elsewhere",
-    errno.EROFS: "the file system is read-only; record elsewhere",
-    errno.EACCES: "no permission; choose a folder of your own",
-    errno.EPERM: "no permission; choose a folder of your own",
-    errno.EFBIG: "the file size limit is reached; raise it or split the recording",
-    errno.ENOENT: "the parent folder does not exist; make it first",
-    errno.ENOTDIR: "part of the path is a file; choose another path",
-    errno.EIO: "the disk reports an error; check it and record elsewhere",
-}
-
 
 def write_error(path: Path, error: OSError) -> BagError:
-    """The BagError of a failed write: path, reason, remedy."""
-    remedy = _REMEDY.get(error.errno or 0, "choose another place to record to")
-    return BagError(f"{path}: cannot be written ({error.strerror or error}); {remedy}; what was written stays")
+    """The BagError of a recording that cannot go on: path, reason, remedy, and the fault code if there is no space."""
+    what = f"{refusal(error)}; what was written stays"
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+    return BagError(FaultCode.DISK_FULL.line(what, str(path)) if full else f"{path}: {what}")
 
 
 def attachment_bytes(path: Path) -> bytes:
@@ -71,7 +60,7 @@ def make_folder(path: Path, force: bool) -> None:
 
 def _remove_bag(path: Path) -> None:
     entries = list(path.iterdir()) if path.is_dir() and not path.is_symlink() else [path]
-    foreign = [e.name for e in entries if e.is_dir() or not (e.name.startswith("metadata.yaml") or ".mcap" in e.name)]
+    foreign = [e.name for e in entries if e.is_dir() or not ("metadata.yaml" in e.name or ".mcap" in e.name)]
     if foreign:
         raise BagError(f"{path}: is not a bag ({foreign[0]}), so it is not replaced; choose another name")
     try:
@@ -164,10 +153,9 @@ def document(
 
 
 def save(folder: Path, info: Mapping[str, Any]) -> None:
-    """Writes metadata.yaml beside itself and renames it. OSError passes through."""
-    temporary = folder / (FILE_NAME + ".tmp")
-    temporary.write_text(dump({"rosbag2_bagfile_information": dict(info)}), "utf-8")
-    temporary.replace(folder / FILE_NAME)
+    """Writes metadata.yaml, whole or not at all. OSError passes through."""
+    with replaced(folder / FILE_NAME) as place:
+        place.write_text(dump({"rosbag2_bagfile_information": dict(info)}), "utf-8")
 
 
 @dataclass(frozen=True)
@@ -243,10 +231,6 @@ def provenance(start_time_utc: str | None = None) -> dict[str, str]:
     }
 
 
-# ----------------------------------------------------------------------------------------------------
-# Outputs that appear whole or not at all: written beside their place, moved there when they are complete.
-
-
 @contextmanager
 def whole_bag(path: str | Path, force: bool = False) -> Iterator[Path]:
     """Gives the path to write a bag to; at the end of the block the bag is at `path`, after an exception nothing is.
@@ -254,28 +238,5 @@ def whole_bag(path: str | Path, force: bool = False) -> Iterator[Path]:
     Raises BagError if `path` exists (with `force`: if what is there is no bag).
     """
     path = Path(path)
-    with _beside(path) as folder:
-        yield folder / path.name
-        make_folder(path, force)
-        os.replace(folder / path.name, path)
-
-
-@contextmanager
-def whole_file(path: str | Path) -> Iterator[Path]:
-    """Gives the path to write a file to; at the end of the block it replaces `path`, after an exception it is gone."""
-    path = Path(path)
-    with _beside(path) as folder:
-        yield folder / path.name
-        os.replace(folder / path.name, path)
-
-
-@contextmanager
-def _beside(path: Path) -> Iterator[Path]:
-    try:
-        folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".partial", dir=path.parent))
-    except OSError as error:
-        raise write_error(path, error) from None
-    try:
-        yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+    with whole_folder(path, lambda: make_folder(path, force), BagError) as place:
+        yield place

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from hd_control.core.errors import BagError
+from hd_control.core.files import replaced
 from hd_control.record.mcap_read import McapSource
 from hd_control.record.mcap_write import McapFile, block_records
 
@@ -27,18 +27,15 @@ def compact_file(path: Path, give_up: Callable[[], bool] | None = None) -> bool:
     The plain file stays if anything is not equal, if there is no space, or if `give_up()` becomes true. Raises BagError
     only if the compared files differ, which is a defect.
     """
-    target = path.with_name(path.name + ".compact.mcap.tmp")
     try:
-        source = McapSource(path)
-        written = _write(source, target, give_up)
-        if _digests(McapSource(target)) != written:
-            raise BagError(f"{path}: the compact copy differs from the recording; the recording stays as it is")
-        os.replace(target, path)
+        with replaced(path, durable=True) as target:
+            source = McapSource(path)
+            written = _write(source, target, give_up)
+            if _digests(McapSource(target)) != written:
+                raise BagError(f"{path}: the compact copy differs from the recording; the recording stays as it is")
         return True
     except (OSError, _GivenUp):
         return False
-    finally:
-        target.unlink(missing_ok=True)
 
 
 def _write(source: McapSource, target: Path, give_up: Callable[[], bool] | None) -> dict[int, str]:
@@ -59,7 +56,6 @@ def _write(source: McapSource, target: Path, give_up: Callable[[], bool] | None)
                 digests.setdefault(channel, hashlib.sha256()).update(data)
                 file.add_chunk(numbers[channel], data, part.log_time_ns, places)
         file.finish()
-        os.fsync(raw.fileno())
     return {channel: digest.hexdigest() for channel, digest in digests.items()}
 
 

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import BagError
-from hd_control.record.bag_folder import whole_bag, whole_file
+from hd_control.core.files import write_whole
+from hd_control.record.bag_folder import whole_bag
 from hd_control.record.cdr import NUMBER, NumberCodec
 from hd_control.record.writer import BagWriter
 
@@ -71,8 +72,7 @@ def write_layouts(bag: str | Path, pages: Pages, force: bool = False) -> list[Pa
         if path.exists() and not force:
             raise BagError(f"{path}: exists already; choose another name or add --force")
     for path, text in zip(paths, (foxglove_layout(pages), plotjuggler_layout(pages)), strict=True):
-        with whole_file(path) as place:
-            place.write_text(text, encoding="utf-8")
+        write_whole(path, text, BagError)
     return paths
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hd_control.core.errors import ConfigError
+from hd_control.core.files import write_whole
 from hd_sim.puzzles.arm_recordings import ArmPair, make_arm_pair
 from hd_sim.puzzles.draw import UNKNOWN, Case
 from hd_sim.puzzles.recordings import record_pair, write_bag
@@ -31,7 +32,7 @@ SAME_VARIABLE = {
     "motor_torque_applied": "motor_torque",
     "gauge_torque": "joint_torque",
 }
-"""Variables that tell the same of an unknown effect: rotor and joint angle differ by the torsion only."""
+"""Variables that say the same of an unknown effect: rotor and joint angle differ by the torsion only."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Score:
 
     @property
     def correct(self) -> bool:
-        """Is the whole answer right? On a poor recording a refusal is right too; `refused` tells."""
+        """Is the whole answer right? On a poor recording a refusal is right too; see `refused`."""
         found = self.unknown_variable is None or (self.unknown_flagged and self.unknown_variable)
         return self.clean and bool(found)
 
@@ -229,11 +230,11 @@ def _write(
 ) -> None:
     for name, columns in recordings.items():
         write_bag(folder / name, joint_names, columns, robot, period, _METADATA)
-    (folder / ROBOT).write_text(robot, encoding="utf-8")
+    write_whole(folder / ROBOT, robot)
     write_seal(folder / SEAL, truth)
     seconds = round(len(recordings[FIT]["time"]) * period)
     words = {"fit": FIT, "held_out": HELD_OUT, "model": MODEL, "robot": ROBOT, "seal": SEAL}
-    (folder / README).write_text(_TEXT.format(what=what, seconds=seconds, **words), encoding="utf-8")
+    write_whole(folder / README, _TEXT.format(what=what, seconds=seconds, **words))
 
 
 def check_challenge(folder: Path, diagnosis: Mapping[str, Any]) -> dict[str, tuple[Score, dict[str, Any]]]:

@@ -182,8 +182,10 @@ def test_truth_says_what_changed_and_the_seal_keeps_it(tmp_path):
     assert open_seal(path) == json.loads(json.dumps(truth))
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     assert not any(word in path.read_text() for word in ("backlash", "cable", "joint_3"))
-    with pytest.raises(ConfigError, match="cannot write"):
+    with pytest.raises(ConfigError, match="truth.seal: exists already"):
         write_seal(path, truth)
+    with pytest.raises(ConfigError, match="truth.seal: cannot be written"):
+        write_seal(tmp_path / "nowhere" / "truth.seal", truth)
 
 
 def test_a_changed_seal_is_noticed(tmp_path):

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 
 from hd_control.core.errors import HdError
+from hd_control.core.files import write_whole
 from hd_control.lab.balances.channels import shown_unit
 from hd_control.lab.maps.condition_maps import LEAST_EFFECTIVE, UNITS, ChannelMaps, concentration, sentence
 from hd_control.lab.maps.orders import describe
@@ -212,19 +211,7 @@ def write_report(path: str | Path, page: ReportPage, force: bool = False) -> Pat
     path = Path(path)
     if path.exists() and not force:
         raise HdError(f"{path}: exists already; choose another name or add --force")
-    partial = ""
-    try:
-        handle, partial = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(report_html(page))
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(partial, 0o666 & ~mask)
-        os.replace(partial, path)
-    except OSError as error:
-        if partial:
-            Path(partial).unlink(missing_ok=True)
-        raise HdError(f"{path}: cannot write the report ({error.strerror})") from None
+    write_whole(path, report_html(page))
     return path
 
 

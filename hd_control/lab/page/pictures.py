@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from hd_control.core.errors import HdError
+from hd_control.core.files import refusal, write_whole
 from hd_control.lab.maps.condition_maps import dependence
 from hd_control.lab.page.model_figures import confidence_figure, ladder_figure, overlay_figure
 from hd_control.lab.page.page import json_text
@@ -178,10 +179,10 @@ def write_figures(folder: str | Path, figures: Mapping[str, Figure], force: bool
         drawn = dict(re.findall(r'<pre id="([^"]*)">data:image/png;base64,([^<]*)</pre>', look(file).html))
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name, path in paths.items():
-            if name not in drawn:
-                raise HdError(f"{path}: the browser drew no picture of {json.dumps(name)}")
-            path.write_bytes(base64.b64decode(drawn[name]))
     except OSError as error:
-        raise HdError(f"{folder}: cannot write the pictures ({error.strerror})") from None
+        raise HdError(f"{folder}: {refusal(error)}") from None
+    for name, path in paths.items():
+        if name not in drawn:
+            raise HdError(f"{path}: the browser drew no picture of {json.dumps(name)}")
+        write_whole(path, base64.b64decode(drawn[name]))
     return list(paths.values())

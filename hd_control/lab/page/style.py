@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hd_control.core.arrays import BoolArray, FloatArray
-from hd_control.core.errors import HdError
+from hd_control.core.files import write_whole
 
 # ----------------------------------------------------------------------------------------------------
 # Pictures of recordings: Plotly figures, built once here, shown in pages. Long series are thinned, extremes kept.
@@ -38,10 +38,7 @@ def thinned(series: FloatArray, points: int = POINTS) -> NDArray[np.intp]:
 
 def write_page(figure: Any, path: Path) -> Path:
     """One self-contained HTML page, no network needed. Raises HdError if it cannot be written."""
-    try:
-        figure.write_html(path, include_plotlyjs=True, full_html=True, config={"displaylogo": False})
-    except OSError as error:
-        raise HdError(f"{path}: cannot write the picture ({error.strerror})") from None
+    write_whole(path, figure.to_html(include_plotlyjs=True, full_html=True, config={"displaylogo": False}))
     return path
 
 
@@ -121,6 +118,6 @@ def layout(title: str, height: int, **more: Any) -> dict[str, Any]:
 
 
 def note(text: str, x: float | str, y: float | str, **more: Any) -> dict[str, Any]:
-    """A small text inside the picture, in its own coordinates unless told otherwise."""
+    """A small text inside the picture, in its own coordinates unless `more` says otherwise."""
     own = {"showarrow": False, "font": {"size": 11, "color": MEASURED}, "align": "left"}
     return {"text": text, "x": x, "y": y, **own, **more}
