@@ -226,7 +226,7 @@ def test_every_folder_has_a_rule() -> None:
         ("hd_sim.plant", "from hd_control.drive.model import Model"),
         ("hd_sim.plant", "from hd_control.safety import fusion"),
         ("hd_sim.plant", "from hd_control.laws import trajectory"),
-        ("hd_sim.plant", "from hd_control import _torque"),
+        ("hd_sim.plant", "from hd_control import _laws"),
         ("hd_control.laws.motion", "import rclpy"),
         ("hd_control.record.writer", "from sensor_msgs.msg import JointState"),
         ("hd_control.studio.app", "import can"),
@@ -249,7 +249,7 @@ def test_the_checker_catches(module: str, source: str) -> None:
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("hd_control.laws.motion", "from hd_control.drive import model\nfrom hd_control import _motion"),
+        ("hd_control.laws.motion", "from hd_control.drive import model\nfrom hd_control import _laws"),
         ("hd_control.nodes.plant", "import rclpy\nfrom sensor_msgs.msg import JointState"),
         ("hd_sim.runner", "from hd_control.laws import motion"),
         ("hd_control.cli.info", "def run(a):\n    import numpy as np\n    from hd_control.record import reader"),

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hd_control import _monitors
+from hd_control import _laws
 from hd_control.chain.black_box import UNKNOWN_STOP, BlackBox, FaultBook
 from hd_control.chain.stage import ERROR, OK, Bus, Stage
 from hd_control.chain.wiring import TORQUE
@@ -124,7 +124,7 @@ class TorqueStage(Stage):
     def _checked(self, command: FloatArray) -> FloatArray:
         """The command; not a number for joints with an input that is not finite, which a law might clip."""
         used, reference = self._used_sample, self.reference_array
-        if _monitors.all_finite(used) and _monitors.all_finite(reference):
+        if _laws.all_finite(used) and _laws.all_finite(reference):
             return command
         n = command.size
         finite = np.isfinite(used.reshape(-1, n)).all(axis=0) & np.isfinite(reference.reshape(-1, n)).all(axis=0)

@@ -42,13 +42,14 @@ inline std::size_t block_size(const std::vector<Field>& fields, int joints) {
     base += hd::field_size(per_joint, joints);
 #define HD_FIELD_ENTRY(name, per_joint, unit, meaning) {#name, per_joint, unit, meaning},
 
-#define HD_BLOCK(Block, FIELDS)                                         \
-    struct Block {                                                      \
-        FIELDS(HD_FIELD_POINTER)                                        \
-        Block(double* base, int joints) { FIELDS(HD_FIELD_ASSIGN) }     \
-        static const std::vector<hd::Field>& fields() {                 \
-            static const std::vector<hd::Field> list{FIELDS(HD_FIELD_ENTRY)}; \
-            return list;                                                \
-        }                                                               \
+#define HD_BLOCK(Block, FIELDS)                                                          \
+    struct Block {                                                                       \
+        static const char* block_name() { return #Block; }                               \
+        FIELDS(HD_FIELD_POINTER)                                                         \
+        Block(double* base, int joints) { FIELDS(HD_FIELD_ASSIGN) }                      \
+        static const std::vector<hd::Field>& fields() {                                  \
+            static const std::vector<hd::Field> list{FIELDS(HD_FIELD_ENTRY)};            \
+            return list;                                                                 \
+        }                                                                                \
         static std::size_t size(int joints) { return hd::block_size(fields(), joints); } \
     };

@@ -14,8 +14,7 @@
 #include <cmath>
 
 #include "blocks.hpp"
-#include "derivative.hpp"
-#include "kinematic_error.hpp"
+#include "law_math.hpp"
 
 namespace hd {
 

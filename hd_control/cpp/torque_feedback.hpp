@@ -9,8 +9,9 @@
 #include <algorithm>
 #include <cmath>
 
-#include "derivative.hpp"
-#include "torque_blocks.hpp"
+#include "blocks.hpp"
+#include "law_math.hpp"
+#include "torque_adaptive.hpp"
 
 namespace hd {
 

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from hd_control import _torque
+from hd_control import _laws
 from hd_control.core.blocks import Block, Layout, layout_of
 from hd_control.core.errors import ConfigError
 from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
@@ -119,7 +119,7 @@ PARAMETERS = ParameterSet(
 @lru_cache
 def layout(block: str, joints: int) -> Layout:
     """Layout of FusionParams, FusionSample, FusionState or FusionOutput."""
-    return layout_of(block, _torque.BLOCKS[block], joints)
+    return layout_of(block, _laws.BLOCKS[block], joints)
 
 
 def configure(values: Mapping[str, Any], robot: object, dt: float) -> Block:
@@ -135,7 +135,7 @@ def configure(values: Mapping[str, Any], robot: object, dt: float) -> Block:
     block = layout("FusionParams", joints)
     numbers: dict[str, Any] = {name: own[name] for name in block.slices if name in own}
     numbers["joint_position_source"] = SOURCES.index(own["joint_position_source"])
-    numbers["derivative_pole"] = _torque.derivative_pole(own["derivative_cutoff"], dt)
+    numbers["derivative_pole"] = _laws.derivative_pole(own["derivative_cutoff"], dt)
     numbers["crossover_weight"] = -math.expm1(-own["crossover"] * dt)
     for kind in ("cosine", "sine"):
         numbers[f"kinematic_{kind}"] = np.array([own[f"kinematic_{kind}_{n}"] for n in range(1, HARMONICS + 1)]).T
@@ -162,5 +162,5 @@ def step(params: Block, state: Block, sample: Block, dt: float) -> tuple[Block, 
     joints = state.layout.joints
     output = layout("FusionOutput", joints).zeros()
     new_state = Block(state.layout, np.empty(state.layout.size))
-    _torque.fusion_step(params.array, state.array, sample.array, output.array, new_state.array, joints, dt)
+    _laws.fusion_step(params.array, state.array, sample.array, output.array, new_state.array, joints, dt)
     return output, new_state

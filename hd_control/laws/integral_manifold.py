@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from hd_control import _joint_laws, _torque
+from hd_control import _laws
 from hd_control.core.blocks import Block, Layout, layout_of
 from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
 from hd_control.laws import torque_adaptive
@@ -113,7 +113,7 @@ PARAMETERS = ParameterSet(
 @lru_cache
 def layout(block: str, joints: int) -> Layout:
     """Layout of ManifoldParams, ManifoldReference, ManifoldState or ManifoldOutput."""
-    return layout_of(block, _joint_laws.BLOCKS[block], joints)
+    return layout_of(block, _laws.BLOCKS[block], joints)
 
 
 def fast_gain(
@@ -140,7 +140,7 @@ def configure(values: Mapping[str, Any], robot: object, dt: float) -> Block:
     numbers["load_source"] = LOAD_SOURCES.index(own["load_source"])
     numbers["hysteresis_source"] = HYSTERESIS_SOURCES.index(own["hysteresis_source"])
     numbers["error_filter"] = float(own["rate_source"] == "error_filter")
-    numbers["derivative_pole"] = _torque.derivative_pole(own["derivative_cutoff"], dt)
+    numbers["derivative_pole"] = _laws.derivative_pole(own["derivative_cutoff"], dt)
     numbers["position_gain"], numbers["damping_gain"] = own["tracking_gain"], own["tracking_damping"]
     numbers["fast_gain"] = [
         fast_gain(*row)
@@ -159,7 +159,7 @@ def configure(values: Mapping[str, Any], robot: object, dt: float) -> Block:
 
 def new_sample(joints: int) -> Block:
     """Empty sample, the same as of the other torque laws."""
-    return layout_of("TorqueSample", _torque.BLOCKS["TorqueSample"], joints).zeros()
+    return layout_of("TorqueSample", _laws.BLOCKS["TorqueSample"], joints).zeros()
 
 
 def new_reference(joints: int) -> Block:
@@ -185,5 +185,5 @@ def step(params: Block, state: Block, sample: Block, reference: Block, dt: float
 
 def step_in_place(params: Block, state: Block, sample: Block, reference: Block, output: Block, dt: float) -> None:
     """Like `step`, written into `state` and `output`: for simulations of many samples."""
-    law = _joint_laws.manifold_step if reference.layout.name == "ManifoldReference" else _joint_laws.manifold_chain_step
+    law = _laws.manifold_step if reference.layout.name == "ManifoldReference" else _laws.manifold_chain_step
     law(params.array, state.array, sample.array, reference.array, output.array, state.array, params.joints, dt)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hd_control import _motion
+from hd_control import _laws
 from hd_control.core.arrays import FloatArray
 from hd_control.core.blocks import Block, Layout, layout_of
 from hd_control.core.errors import ConfigError
@@ -88,7 +88,7 @@ def rigid_torque(
     """
     q, v, a = (np.ascontiguousarray(x, dtype=float) for x in (position, velocity, acceleration))
     v_r = v if required_velocity is None else np.ascontiguousarray(required_velocity, dtype=float)
-    found: FloatArray = _motion.batch_torque(
+    found: FloatArray = _laws.batch_torque(
         robot.joints, robot.rotation, robot.origin, GRAVITY, robot.link_parameters(), q, v, v_r, a
     )
     return found
@@ -226,7 +226,7 @@ _GAINS = ("position_gain", "velocity_gain", "integral_gain", "integral_low", "in
 @lru_cache
 def layout(block: str, joints: int) -> Layout:
     """Layout of MotionParams, MotionSample, MotionReference, MotionState or MotionOutput."""
-    return layout_of(block, _motion.BLOCKS[block], joints)
+    return layout_of(block, _laws.BLOCKS[block], joints)
 
 
 def in_robot_order(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
@@ -303,7 +303,9 @@ def step(params: Block, state: Block, sample: Block, reference: Block, dt: float
     joints = params.layout.joints
     outputs = layout("MotionOutput", joints)
     output, new_state = Block(outputs, np.empty(outputs.size)), Block(state.layout, np.empty(state.layout.size))
-    _motion.step(params.array, state.array, sample.array, reference.array, output.array, new_state.array, joints, dt)
+    _laws.motion_step(
+        params.array, state.array, sample.array, reference.array, output.array, new_state.array, joints, dt
+    )
     return output, new_state
 
 

@@ -18,7 +18,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from hd_control import _torque
+from hd_control import _laws
 from hd_control.core.blocks import Block, Layout, layout_of
 from hd_control.core.errors import ConfigError
 from hd_control.core.parameters import ParameterSet
@@ -54,7 +54,7 @@ class NamedJoints(Protocol):
 @lru_cache
 def layout(block: str, joints: int) -> Layout:
     """Layout of TorqueParams, TorqueSample, TorqueReference, TorqueState or TorqueOutput."""
-    return layout_of(block, _torque.BLOCKS[block], joints)
+    return layout_of(block, _laws.BLOCKS[block], joints)
 
 
 def selected_joints(values: Mapping[str, Any]) -> list[str]:
@@ -86,7 +86,7 @@ def configure(values: Mapping[str, Any], robot: NamedJoints | None, dt: float) -
     numbers["law"] = LAWS.index(own["law"])
     numbers["compliance_derivative"] = COMPLIANCE_DERIVATIVES.index(own["compliance_derivative"])
     numbers["rate_source"] = RATE_SOURCES.index(own["rate_source"])
-    numbers["derivative_pole"] = _torque.derivative_pole(own["derivative_cutoff"], dt)
+    numbers["derivative_pole"] = _laws.derivative_pole(own["derivative_cutoff"], dt)
     for name in _SCALED:
         numbers[name] = own["adaptation_scale"] * np.asarray(chosen[name])
     for kind in ("cosine", "sine"):
@@ -136,7 +136,7 @@ def step(params: Block, state: Block, sample: Block, reference: Block, dt: float
     joints = state.layout.joints
     output = layout("TorqueOutput", joints).zeros()
     new_state = Block(state.layout, np.empty(state.layout.size))
-    _torque.torque_step(
+    _laws.torque_step(
         params.array, state.array, sample.array, reference.array, output.array, new_state.array, joints, dt
     )
     return output, new_state

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
-from hd_control import _joint_laws, _torque
+from hd_control import _laws
 from hd_control.core.blocks import Block, Layout, layout_of
 from hd_control.core.errors import ConfigError
 from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
@@ -87,7 +87,7 @@ _NAMES = {
 @lru_cache
 def layout(block: str, joints: int) -> Layout:
     """Layout of FeedbackParams, FeedbackReference, FeedbackState or FeedbackOutput."""
-    return layout_of(block, _joint_laws.BLOCKS[block], joints)
+    return layout_of(block, _laws.BLOCKS[block], joints)
 
 
 def configure(values: Mapping[str, Any], robot: object, dt: float) -> Block:
@@ -98,13 +98,13 @@ def configure(values: Mapping[str, Any], robot: object, dt: float) -> Block:
     numbers: dict[str, Any] = {name: own[name] for name in layout("FeedbackParams", 1).slices if name in own}
     numbers |= {field: own[name] for field, name in _NAMES.items()}
     numbers["setpoint_kick"] = float(own["setpoint_kick"])
-    numbers["rate_pole"] = _torque.derivative_pole(_cutoff(own, dt), dt)
+    numbers["rate_pole"] = _laws.derivative_pole(_cutoff(own, dt), dt)
     return layout("FeedbackParams", joints).pack(numbers)
 
 
 def new_sample(joints: int) -> Block:
     """Empty sample, the same as of the other torque laws; only the joint torque is used."""
-    return layout_of("TorqueSample", _torque.BLOCKS["TorqueSample"], joints).zeros()
+    return layout_of("TorqueSample", _laws.BLOCKS["TorqueSample"], joints).zeros()
 
 
 def new_reference(joints: int) -> Block:
@@ -130,7 +130,7 @@ def step(params: Block, state: Block, sample: Block, reference: Block, dt: float
 
 def step_in_place(params: Block, state: Block, sample: Block, reference: Block, output: Block, dt: float) -> None:
     """Like `step`, written into `state` and `output`: for simulations of many samples."""
-    law = _joint_laws.feedback_step if reference.layout.name == "FeedbackReference" else _joint_laws.feedback_chain_step
+    law = _laws.feedback_step if reference.layout.name == "FeedbackReference" else _laws.feedback_chain_step
     law(params.array, state.array, sample.array, reference.array, output.array, state.array, params.joints, dt)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hd_control import _motion
+from hd_control import _laws
 from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import GoalError
 
@@ -89,7 +89,7 @@ class Path:
         """
         offset, n = float(tick - self.start_tick), self.end.position.size
         if offset < self.knots[-1] and len(self.coefficients):
-            after: int = _motion.spline_evaluate(
+            after: int = _laws.spline_evaluate(
                 self.knots, self.coefficients, max(offset, 0.0), self.period, cursor, out, n
             )
             return after
@@ -102,7 +102,7 @@ class Path:
     def extrema(self) -> FloatArray:
         """Lowest and highest position, velocity, acceleration of every segment and joint, (s, n, 6), exact."""
         n = self.end.position.size
-        found: FloatArray = _motion.spline_extrema(self.knots, self.coefficients, self.period, n)
+        found: FloatArray = _laws.spline_extrema(self.knots, self.coefficients, self.period, n)
         return found
 
 
@@ -201,7 +201,7 @@ def _spline(
 ) -> FloatArray:
     none = np.empty(0)
     v, a = none if v is None else v, none if a is None else a
-    found: FloatArray = _motion.spline_coefficients(order, knots, period, q, v, a, q.shape[1])
+    found: FloatArray = _laws.spline_coefficients(order, knots, period, q, v, a, q.shape[1])
     return found
 
 

@@ -1,6 +1,6 @@
 """Laws to compare with, and the settings in which they are reported, so that none is beaten by a bad tuning alone.
 
-The laws themselves are in hd_control/cpp/baselines.hpp: `pd`, `pid`, `computed_torque`, `feed_forward`.
+The laws themselves are in hd_control/cpp/motion.hpp: `pd`, `pid`, `computed_torque`, `feed_forward`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Derivative filter D, plain Python: the readable form of hd_control/cpp/derivative.hpp.
+"""Derivative filter D, plain Python: the readable form of hd_control/cpp/law_math.hpp.
 
     D(x)[k] = a D(x)[k-1] + (1 - a)(x[k] - x[k-1]) / dt        first sample: x[-1] := x[0], D := 0
 

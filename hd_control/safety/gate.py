@@ -21,7 +21,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hd_control import _torque
+from hd_control import _laws
 from hd_control.core.arrays import FloatArray
 from hd_control.core.blocks import Block, Layout, layout_of
 from hd_control.core.faults import Action, Fault, FaultCode
@@ -34,7 +34,7 @@ _MEASURED = (("joint_position", 1, "rad", "q"), ("joint_velocity", 1, "rad/s", "
 @lru_cache
 def state_layout(joints: int) -> Layout:
     """Layout of the gate's memory."""
-    return layout_of("GateState", _torque.BLOCKS["GateState"], joints)
+    return layout_of("GateState", _laws.BLOCKS["GateState"], joints)
 
 
 def new_measured(joints: int) -> Block:
@@ -149,14 +149,14 @@ def safety_gate_compiled(
     joints = gate_state.layout.joints
     out = np.empty(joints)
     new_array = np.empty(gate_state.layout.size)
-    rows = np.empty(joints * _torque.FAULTS_PER_JOINT * _torque.FAULT_FIELDS)
-    count = _torque.gate_step(command, ages, ticks, limits.array, gate_state.array, out, new_array, rows, joints)
+    rows = np.empty(joints * _laws.FAULTS_PER_JOINT * _laws.FAULT_FIELDS)
+    count = _laws.gate_step(command, ages, ticks, limits.array, gate_state.array, out, new_array, rows, joints)
     return out, Block(gate_state.layout, new_array), faults_from_rows(rows, count) if count else []
 
 
 def faults_from_rows(rows: FloatArray, count: int) -> list[Fault]:
     """The first `count` fault rows (code, joint, value, limit, action) of the compiled gate as values."""
-    table = rows[: count * _torque.FAULT_FIELDS].reshape(count, _torque.FAULT_FIELDS).tolist()
+    table = rows[: count * _laws.FAULT_FIELDS].reshape(count, _laws.FAULT_FIELDS).tolist()
     return [
         Fault(FaultCode(int(code)), int(joint), value, limit, Action(int(action)))
         for code, joint, value, limit, action in table

@@ -16,7 +16,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from hd_control import _monitors
+from hd_control import _laws
 from hd_control.core.arrays import FloatArray
 from hd_control.core.blocks import Block, Layout, layout_of
 from hd_control.core.faults import Action, Fault, FaultCode, strongest
@@ -210,7 +210,7 @@ class Guard:
 
     def _quiet(self, command: FloatArray, ages: FloatArray, ticks: FloatArray) -> bool:
         """Have `_input_faults` and `_envelope_faults` nothing to say? All at once, compiled."""
-        return _monitors.guard_is_quiet(
+        return _laws.guard_is_quiet(
             command, ages, ticks, self._tick, self._position, self._velocity, *self._look_limits
         )
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hd_control import _torque
+from hd_control import _laws
 from hd_control.core.blocks import Block, Layout, layout_of
 from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
 from hd_control.core.resources import find_config
@@ -41,7 +41,7 @@ GATE_PARAMETERS = ParameterSet(
 @lru_cache
 def limits_layout(joints: int) -> Layout:
     """Layout of the limits block."""
-    return layout_of("GateLimits", _torque.BLOCKS["GateLimits"], joints)
+    return layout_of("GateLimits", _laws.BLOCKS["GateLimits"], joints)
 
 
 def configure_gate(values: Mapping[str, Any], dt: float) -> Block:

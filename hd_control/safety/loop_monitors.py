@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from hd_control import _monitors
+from hd_control import _laws
 from hd_control.core.arrays import FloatArray, IntArray
 from hd_control.core.blocks import Block, Layout, layout_of
 from hd_control.core.faults import Action, Fault, FaultCode
@@ -70,7 +70,7 @@ def gauge_rail(torque: FloatArray, run: FloatArray, limits: Block) -> tuple[Floa
     `limits`: GuardLimits. Returns the new run lengths and faults.
     """
     rail = RAIL_SHARE * limits.gauge_rail
-    if _monitors.all_below(torque, rail):
+    if _laws.all_below(torque, rail):
         return np.zeros(run.size), []
     free = np.abs(torque) < rail
     run = np.where(free | np.isnan(torque), 0.0, run + 1.0)

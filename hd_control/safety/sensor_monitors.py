@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from hd_control import _monitors
+from hd_control import _laws
 from hd_control.core.arrays import BoolArray, FloatArray
 from hd_control.core.blocks import Block
 from hd_control.core.faults import Action, Fault, FaultCode
@@ -108,7 +108,7 @@ def screen(
 
     `period` (3, n): counters wrap at it; None: none does.
     """
-    follow, slope = _monitors.readings_follow(reading, memory.last, memory.slope, limit, period)
+    follow, slope = _laws.readings_follow(reading, memory.last, memory.slope, limit, period)
     if follow:
         copy = reading.copy()
         return reading, Screen(copy, slope, copy, np.zeros(slope.shape)), []
@@ -144,7 +144,7 @@ def frozen(
 ) -> tuple[BoolArray, Frozen, list[Fault]]:
     """F03 for the gauge: equal readings while the motor moved by much more than a torque could hide."""
     moved, samples = limits.gauge_motion, limits.frozen_samples
-    ordinary, repeats, start = _monitors.gauge_changes(
+    ordinary, repeats, start = _laws.gauge_changes(
         gauge, position, memory.reading, memory.repeats, memory.position, moved, samples
     )
     new = Frozen(gauge.copy(), repeats, start)
@@ -160,7 +160,7 @@ def frozen(
 
 def at_rail(gauge: FloatArray, run: FloatArray, limits: SensorLimits) -> tuple[BoolArray, FloatArray, list[Fault]]:
     """F08: readings at the rail of the gauge. Which joints stop (n,), the new run lengths (n,), faults."""
-    if _monitors.all_below(gauge, limits.gauge_free):
+    if _laws.all_below(gauge, limits.gauge_free):
         return np.zeros(gauge.size, dtype=bool), np.zeros(run.size), []
     free = np.abs(gauge) < limits.gauge_free
     run = np.where(free | np.isnan(gauge), 0.0, run + 1.0)
@@ -182,7 +182,7 @@ def disagree(
     motor: FloatArray, joint: FloatArray, run: FloatArray, limits: SensorLimits
 ) -> tuple[BoolArray, FloatArray, list[Fault]]:
     """F07: motor and joint position further apart than any twist. Which joints stop, the new run lengths, faults."""
-    if _monitors.all_near(motor, joint, limits.twist_limit):
+    if _laws.all_near(motor, joint, limits.twist_limit):
         return np.zeros(motor.size, dtype=bool), np.zeros(run.size), []
     difference = motor - joint
     near = np.abs(difference) <= limits.twist_limit
@@ -232,9 +232,9 @@ def redundancy(
     and nothing is called healthy.
     """
     step = motor_shaft - memory.angle
-    if not (_monitors.all_finite(step) and _monitors.all_finite(residual)):
+    if not (_laws.all_finite(step) and _laws.all_finite(residual)):
         return replace(first_redundancy(motor_shaft), mean=memory.mean, ripple=memory.ripple), []
-    ordinary, terms, sums, travel = _monitors.sum_turn(
+    ordinary, terms, sums, travel = _laws.sum_turn(
         residual, motor_shaft, gauge_angle, memory.angle, memory.terms, memory.sums, memory.travel,
         WHOLE_TURN, LONGEST_WAY, LARGEST_STEP,
     )  # fmt: skip
@@ -303,7 +303,7 @@ def stuck(
     known kinematic error. `samples` equal readings and more than `limit` (n,) rad of expected motion stop the robot;
     `step` samples lie between two calls. Numbers that are not finite expect nothing.
     """
-    ordinary, repeats, expected, other, moved = _monitors.missed_motion(
+    ordinary, repeats, expected, other, moved = _laws.missed_motion(
         positions, twist, memory.reading, memory.repeats, memory.expected, memory.other, samples, limit, step
     )
     new, most = Stuck(positions.copy(), repeats, expected, other), moved.max(axis=0)

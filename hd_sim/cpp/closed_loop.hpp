@@ -11,10 +11,9 @@
 #include <vector>
 
 #include "fusion.hpp"
-#include "monitors.hpp"
-#include "motion_step.hpp"
+#include "motion.hpp"
 #include "plant.hpp"
-#include "safety_gate.hpp"
+#include "safety.hpp"
 #include "spline.hpp"
 #include "torque_adaptive.hpp"
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hd_control import _torque
+from hd_control import _laws
 from hd_control.papers.projection import project
 
 DT = 1e-3
@@ -45,15 +45,15 @@ def test_at_a_bound_only_the_inward_drive_acts(value, drive, after):
 
 @given(st.floats(-2, 2), numbers, st.floats(0, 1e6))
 def test_compiled_form_has_the_same_bits(value, drive, gain):
-    assert _torque.project(value, drive, gain, -1.0, 1.0, DT) == project(value, drive, gain, -1.0, 1.0, DT)
+    assert _laws.project(value, drive, gain, -1.0, 1.0, DT) == project(value, drive, gain, -1.0, 1.0, DT)
 
 
 @pytest.mark.parametrize("drive", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("value", [0.25, math.nan])
 def test_the_result_is_bounded_for_any_number(value, drive):
-    for form in (project, _torque.project):
+    for form in (project, _laws.project):
         assert 0.0 <= form(value, drive, 10.0, 0.0, 1.0, DT) <= 1.0
 
 
 def test_a_drive_that_is_no_number_leaves_the_value():
-    assert project(0.25, math.nan, 10.0, 0.0, 1.0, DT) == 0.25 == _torque.project(0.25, math.nan, 10.0, 0.0, 1.0, DT)
+    assert project(0.25, math.nan, 10.0, 0.0, 1.0, DT) == 0.25 == _laws.project(0.25, math.nan, 10.0, 0.0, 1.0, DT)

@@ -6,7 +6,7 @@ import pytest
 from chains import pinocchio_chain, random_robot
 from oracles import vdc_numpy as oracle
 
-from hd_control import _motion
+from hd_control import _laws
 from hd_control.core.robot import Robot
 from hd_control.laws import motion
 from hd_control.laws.motion import rigid_torque
@@ -73,7 +73,7 @@ def test_torque_is_linear_in_each_parameter_with_the_regressor_column(index):
     for link in range(3):
         theta = np.zeros((3, 13))
         theta[link, index] = 1.0
-        found = _motion.batch_torque(3, robot.rotation, robot.origin, 9.81, theta, q, v, v_r, a_r)[0]
+        found = _laws.batch_torque(3, robot.rotation, robot.origin, 9.81, theta, q, v, v_r, a_r)[0]
         motions = oracle.link_motions(robot.rotation, robot.origin, q, v, v_r, a_r)
         wrenches = [oracle.regressor(*m[:4]) @ t for m, t in zip(motions, theta, strict=True)]
         np.testing.assert_allclose(found, oracle.torques(motions, wrenches), rtol=0, atol=1e-12)
@@ -91,7 +91,7 @@ def test_adaptation_drive_is_the_transposed_regressor_times_the_velocity_differe
     for _ in range(30):
         robot = random_robot(random)
         q, v, v_r, a_r = _state(random, 7)
-        found = _motion.parameter_drive(7, _params(robot).array, q, v, v_r, a_r)
+        found = _laws.parameter_drive(7, _params(robot).array, q, v, v_r, a_r)
         motions = oracle.link_motions(robot.rotation, robot.origin, q, v, v_r, a_r)
         expected = [oracle.regressor(X, Xr, dXr, g).T @ (Xr - X) for X, Xr, dXr, g, *_ in motions]
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
@@ -107,8 +107,8 @@ def test_virtual_power_flow_balances_for_any_motion_and_any_estimate():
         theta = robot.link_parameters()
         estimate = theta * random.uniform(0.5, 1.5, theta.shape)
         tau = rigid_torque(robot, q[None], v[None], a[None])[0]
-        tau_r = _motion.batch_torque(7, robot.rotation, robot.origin, 9.81, estimate, q, v, v_r, a_r)[0]
-        psi = _motion.parameter_drive(7, _params(robot).array, q, v, v_r, a_r)
+        tau_r = _laws.batch_torque(7, robot.rotation, robot.origin, 9.81, estimate, q, v, v_r, a_r)[0]
+        psi = _laws.parameter_drive(7, _params(robot).array, q, v, v_r, a_r)
         actual = oracle.link_motions(robot.rotation, robot.origin, q, v, v, a)
         required = oracle.link_motions(robot.rotation, robot.origin, q, v, v_r, a_r)
         stored = 0.0

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hd_control import _torque
+from hd_control import _laws
 from hd_control.core.errors import ConfigError
 from hd_control.papers.differentiate import Derivative, derivative_pole, differentiate, low_frequency_delay
 
@@ -20,7 +20,7 @@ def test_the_pole_is_the_papers_at_its_own_rate_and_exact_elsewhere():
     assert derivative_pole(200.0, 1e-3) == 0.8
     assert derivative_pole(800.0, 2.5e-4) == pytest.approx(0.8187, abs=5e-5)
     for cutoff, dt in [(200.0, 1e-3), (800.0, 2.5e-4), (200.0, 5e-4), (50.0, 1e-3)]:
-        assert _torque.derivative_pole(cutoff, dt) == derivative_pole(cutoff, dt)
+        assert _laws.derivative_pole(cutoff, dt) == derivative_pole(cutoff, dt)
 
 
 @pytest.mark.parametrize("cutoff", [0.0, -1.0, math.pi / 1e-3, math.nan])

@@ -246,7 +246,7 @@ BUGS = [
     ),
     (
         "stuck position sensor expected nowhere",
-        "hd_control/cpp/monitors.hpp",
+        "hd_control/cpp/safety.hpp",
         "partner + twist[j] : partner - twist[j];",
         "partner + twist[j] : positions[i] - twist[j];",
         "test/safety/test_sensor_monitors.py -k f03",

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import shlex
+import shutil
 import subprocess
 import sysconfig
 from pathlib import Path
 
 from mutants import ROOT, notices, notices_library
 
-EXTENSIONS = {"monitors.hpp": "monitors"}
-"""Header -> extension that it is part of, where that is not the one of the torque laws."""
+EXTENSION = "laws"
+"""Every compiled bug is in a header of this extension."""
 
 
 def is_noticed(bug: tuple[str, str, str, str, str], folder: Path) -> bool:
@@ -21,19 +22,18 @@ def is_noticed(bug: tuple[str, str, str, str, str], folder: Path) -> bool:
     broken, asked = source.replace(old, new, 1), shlex.split(tests)
     if file.endswith(".py"):
         return notices(file.removesuffix(".py").replace("/", "."), broken, asked)
-    extension = EXTENSIONS.get(Path(file).name, "torque")
-    return notices_library(f"hd_control._{extension}", built(extension, file, broken, folder), asked)
+    return notices_library(f"hd_control._{EXTENSION}", built(file, broken, folder), asked)
 
 
-def built(extension: str, file: str, source: str, folder: Path) -> Path:
-    """An extension with one header replaced: the first folder of the search has it."""
+def built(file: str, source: str, folder: Path) -> Path:
+    """The extension with one header replaced. Quoted includes look beside the file first, so all headers go along."""
     import pybind11
 
+    shutil.copytree((ROOT / file).parent, folder, dirs_exist_ok=True)
     (folder / Path(file).name).write_text(source)
-    module = f"{extension}_module.cpp"  # quoted includes look beside the file first, so it stands beside the header
-    (folder / module).write_text((ROOT / "hd_control" / "cpp" / module).read_text())
-    made = folder / f"_{extension}{sysconfig.get_config_var('EXT_SUFFIX')}"
-    includes = [folder, ROOT / "hd_control" / "cpp", pybind11.get_include(), sysconfig.get_paths()["include"]]
+    module = f"{EXTENSION}_module.cpp"
+    made = folder / f"_{EXTENSION}{sysconfig.get_config_var('EXT_SUFFIX')}"
+    includes = [pybind11.get_include(), sysconfig.get_paths()["include"]]
     flags = ["-std=c++17", "-O1", "-fno-math-errno", "-ffp-contract=off", "-fvisibility=hidden", "-shared", "-fPIC"]
     command = ["c++", *flags, *(f"-I{path}" for path in includes), str(folder / module), "-o", str(made)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=900)

@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from hd_control import _monitors
+from hd_control import _laws
 from hd_control.core.faults import Action, FaultCode
 from hd_control.safety import sensor_monitors as m
 from hd_control.safety import sensor_monitors as sm
@@ -28,13 +28,13 @@ ZERO = np.zeros(2)
 
 def long_way(monkeypatch, name):
     """From now on a compiled look finds nothing ordinary; what it calculates stays."""
-    real = getattr(_monitors, name)
+    real = getattr(_laws, name)
 
     def never(*given):
         found = real(*given)
         return (False, *found[1:]) if isinstance(found, tuple) else False
 
-    monkeypatch.setattr(_monitors, name, never)
+    monkeypatch.setattr(_laws, name, never)
 
 
 def bits(found):

@@ -1,0 +1,129 @@
+"""Types of the compiled module; built from hd_control/cpp/laws_module.cpp."""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+_Array = NDArray[np.float64]
+
+class _Step(Protocol):
+    def __call__(
+        self,
+        params: _Array,
+        state: _Array,
+        sample: _Array,
+        reference: _Array,
+        output: _Array,
+        new_state: _Array,
+        joints: int,
+        dt: float,
+    ) -> None: ...
+
+BLOCKS: dict[str, list[tuple[str, int, str, str]]]
+"""Block -> its fields: name, numbers per joint (0: one for all), unit, meaning."""
+FAULT_FIELDS: int
+FAULTS_PER_JOINT: int
+
+def fusion_step(
+    params: _Array, state: _Array, sample: _Array, output: _Array, new_state: _Array, joints: int, dt: float
+) -> None: ...
+
+motion_step: _Step
+torque_step: _Step
+manifold_step: _Step
+manifold_chain_step: _Step
+feedback_step: _Step
+feedback_chain_step: _Step
+
+def derivative_pole(cutoff: float, dt: float) -> float: ...
+def project(value: float, drive: float, gain: float, low: float, high: float, dt: float) -> float: ...
+def batch_torque(
+    joints: int,
+    rotation: _Array,
+    origin: _Array,
+    gravity: float,
+    link_parameters: _Array,
+    position: _Array,
+    velocity: _Array,
+    required_velocity: _Array,
+    acceleration: _Array,
+) -> _Array: ...
+def parameter_drive(
+    joints: int,
+    params: _Array,
+    position: _Array,
+    velocity: _Array,
+    required_velocity: _Array,
+    acceleration: _Array,
+) -> _Array: ...
+def spline_coefficients(
+    order: int, knots: _Array, dt: float, q: _Array, v: _Array, a: _Array, joints: int
+) -> _Array: ...
+def spline_evaluate(
+    knots: _Array, coefficients: _Array, tick: float, dt: float, cursor: int, out: _Array, joints: int
+) -> int: ...
+def spline_extrema(knots: _Array, coefficients: _Array, dt: float, joints: int) -> _Array: ...
+def gate_step(
+    command: _Array,
+    ages: _Array,
+    ticks: _Array,
+    limits: _Array,
+    state: _Array,
+    output: _Array,
+    new_state: _Array,
+    fault_rows: _Array,
+    joints: int,
+) -> int: ...
+def all_finite(values: _Array) -> bool: ...
+def all_below(values: _Array, limit: _Array) -> bool: ...
+def all_near(a: _Array, b: _Array, limit: _Array) -> bool: ...
+def readings_follow(
+    reading: _Array, last: _Array, slope: _Array, limit: _Array, period: _Array | None
+) -> tuple[bool, _Array]: ...
+def sum_turn(
+    residual: _Array,
+    shaft: _Array,
+    gauge_angle: _Array,
+    last_shaft: _Array,
+    terms: _Array,
+    sums: _Array,
+    travel: _Array,
+    whole: float,
+    longest_way: float,
+    largest_step: float,
+) -> tuple[bool, _Array, _Array, _Array]: ...
+def missed_motion(
+    positions: _Array,
+    twist: _Array,
+    reading: _Array,
+    repeats: _Array,
+    expected: _Array,
+    other: _Array,
+    samples: float,
+    limit: _Array,
+    step: float,
+) -> tuple[bool, _Array, _Array, _Array, _Array]: ...
+def gauge_changes(
+    gauge: _Array,
+    position: _Array,
+    reading: _Array,
+    repeats: _Array,
+    start: _Array,
+    limit: _Array,
+    samples: float,
+) -> tuple[bool, _Array, _Array]: ...
+def guard_is_quiet(
+    command: _Array,
+    ages: _Array,
+    ticks: _Array,
+    last_tick: _Array,
+    position: _Array,
+    velocity: _Array,
+    low: _Array,
+    high: _Array,
+    speed: _Array,
+    twice_deceleration: _Array,
+    age_limit: float,
+    largest_tick: float,
+) -> bool: ...
