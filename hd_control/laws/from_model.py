@@ -22,7 +22,7 @@ from hd_control.laws.torque_adaptive import HARMONICS, LOOP_WARNING
 # ----------------------------------------------------------------------------------------------------
 # What each effect of an identified model becomes in the controllers: settings by parameter, or the reason for none.
 #
-# All values are at the joint side of the gear, SI. Signs, model -> controller, docs/equations/compensation.md (C5):
+# All values are at the joint side of the gear, SI. Signs, model -> controller, docs/equations/compensation.md (C1):
 #
 #     q = phi + KE - tau / k                            law takes KE off: phi_d = q + y - KE            same sign
 #     friction torque e |phi'| + k_v phi'               viscous_positive = k_v + e, viscous_negative = k_v - e

@@ -4,7 +4,7 @@
 - `pd`, `pid`, `computed_torque`, `feed_forward`: laws to compare with. They command the motor, through the torque law
   `direct`.
 
-`reference.feed_forward_torque` is added to the output of every law; `hd_control.papers.baselines` can supply it.
+`reference.feed_forward_torque`, zero unless the caller sets it, is added to the output of every law.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from hd_control import _laws
 from hd_control.core.arrays import FloatArray
 from hd_control.core.blocks import Block, Layout, layout_of
 from hd_control.core.errors import ConfigError
+from hd_control.core.faults import FaultCode
 from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
 from hd_control.core.robot import Robot
 
@@ -236,7 +237,8 @@ def in_robot_order(values: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
     PARAMETERS.check(own, len(names))
     strangers = sorted(set(names) - set(robot.joint_names))
     if strangers:
-        raise ConfigError(f"motion: {robot.name} has no joint {strangers[0]}; it has {', '.join(robot.joint_names)}")
+        what = f"{robot.name} has no joint {strangers[0]}; it has {', '.join(robot.joint_names)}"
+        raise ConfigError(FaultCode.MODEL_MISMATCH.line(what, "motion"))
     ordered = PARAMETERS.select(own, robot.joint_names)
     scale = own["link_parameter_scale"]
     if len(scale) in (len(names), LINK_PARAMETERS * len(names)):
@@ -262,7 +264,7 @@ def configure(values: Mapping[str, Any], robot: Robot, dt: float) -> Block:
         if limit > most
     ]
     if fast:
-        raise ConfigError("motion: " + "; ".join(fast))
+        raise ConfigError(FaultCode.MODEL_MISMATCH.line("; ".join(fast), "motion"))
     numbers: dict[str, Any] = {name: chosen[name] for name in _GAINS} | link_fields(chosen, robot)
     numbers["law"] = LAWS.index(chosen["law"])
     numbers["rate_source"] = RATE_SOURCES.index(chosen["rate_source"])

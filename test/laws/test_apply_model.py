@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from oracles.kinematic_error import kinematic_error
 
 from hd_control.chain.chain import shipped_values
 from hd_control.core.errors import ConfigError
@@ -11,7 +12,6 @@ from hd_control.core.parameters import Shape
 from hd_control.drive.model import JointModel, Model, ModelValue
 from hd_control.laws import fusion, torque
 from hd_control.laws.from_model import PARAMETERS, apply_model
-from hd_control.papers.baselines import kinematic_error
 from hd_sim.closed_loop import run_through
 from hd_sim.plant_config import PlantConfig
 from hd_sim.runner import Runner, RunSetup

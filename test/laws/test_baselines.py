@@ -1,4 +1,4 @@
-"""Laws to compare with, in closed form; the shipped file; feed-forward from a drive model."""
+"""Laws to compare with, in closed form; their tunings; the shipped file."""
 
 import numpy as np
 import pinocchio
@@ -9,7 +9,7 @@ from chains import CONFIG, paper_values, shipped_values
 from hd_control.core.parameters import Shape
 from hd_control.core.robot import Robot
 from hd_control.laws import motion
-from hd_control.papers.baselines import BASELINES, DriveValues, inverse_plant
+from hd_control.papers.baselines import BASELINES
 
 ARM = Robot.from_file("arm_a")
 DT = 1e-3
@@ -95,17 +95,6 @@ def test_each_baseline_is_reported_at_several_tunings():
         motion.configure(baseline.values(values), ARM, DT)
     factors = sorted(b.position for b in BASELINES if b.law == "computed_torque")
     assert factors == [0.5, 1.0, 2.0]
-
-
-def test_inverse_plant_and_feed_forward_law_make_the_motor_torque_of_the_drive():
-    """Sliding at constant speed: Coulomb and viscous friction are added, rotor inertia is not counted twice."""
-    drives = [DriveValues(120.0, 28.0, coulomb_torque=20.0 + j, viscous_positive=100.0) for j in range(7)]
-    a = 0.4
-    extra = inverse_plant(ARM, drives, np.full(7, 28.0), Q0, np.full(7, 0.3), np.full(7, a))[0]
-    expected = 20.0 + np.arange(7) + 100.0 * 0.3
-    np.testing.assert_allclose(extra, expected, rtol=1e-9)
-    bare = inverse_plant(ARM, drives, np.zeros(7), Q0, np.full(7, 0.3), np.full(7, a))[0]
-    np.testing.assert_allclose(bare - extra, 28.0 * a, rtol=1e-9)
 
 
 def test_the_shipped_file_is_complete_and_its_numbers_are_doubles_for_ros():
