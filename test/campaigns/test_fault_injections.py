@@ -44,6 +44,6 @@ def test_g1_g2_no_unsafe_sample_and_no_late_stop():
     whole = not boxless and runs >= 10_000
     text = f"{len(boxless)} of {stops} stops in {runs} runs{asked} without their black box, seed {SEED}"
     write_result("G19", text, whole, stops=stops)
-    told = "\n".join(f"{draw_case(SEED, row[0]).text}: {row[1]}" for row in failing[:10])
+    shown = "\n".join(f"{draw_case(SEED, row[0]).text}: {row[1]}" for row in failing[:10])
     shrunk = [shrink(draw_case(SEED, row[0])).text for row in failing[:2]]
-    assert not failing, f"{len(failing)} of {runs}\n{told}\nshrunk: {shrunk}"
+    assert not failing, f"{len(failing)} of {runs}\n{shown}\nshrunk: {shrunk}"

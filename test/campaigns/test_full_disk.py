@@ -1,4 +1,4 @@
-"""Every kind of disk error at a random tick; torques stay bit for bit, the error is told within a second.
+"""Every kind of disk error at a random tick; torques stay bit for bit, the error is reported within a second.
 
 The recorder's process ends with a code that is not 0: a real file-size limit is put on it while it records.
 """
@@ -28,7 +28,7 @@ def test_g9_whatever_the_disk_does(tmp_path):
     for number in range(runs):
         folder = tmp_path / str(number)
         code, tick = CODES[number % len(CODES)], int(random.integers(10, 1400))
-        told, problem = fail_once(folder, code, tick, plain)
+        reported, problem = fail_once(folder, code, tick, plain)
         wrong += [f"{errno.errorcode[code]} at tick {tick}: {problem}"] if problem else []
         shutil.rmtree(folder)
     ended = exit_code_of_a_full_recorder(tmp_path)
