@@ -28,7 +28,7 @@ from hd_sim import _plant
 from hd_sim.sensors import misalignment_ripple
 
 # ----------------------------------------------------------------------------------------------------
-# What a drive of the world can be told: every setting with unit, bounds and its neutral value.
+# Settings of a drive of the world: every setting with unit, bounds and its neutral value.
 #
 # The numbers that the kernel reads are declared once, in `hd_sim/cpp/fields.hpp`. This module adds bounds, says which
 # of them a file must give, and adds the few settings that a person writes in another form (bits, degrees, strain,

@@ -159,7 +159,7 @@ def _aligned(columns: Columns, own: IntArray, ticks: IntArray, robot: Robot) -> 
 
 
 def _temperatures_of(bag: BagReader, ticks: IntArray, period: float, robot: Robot) -> dict[int, FloatArray]:
-    """All joints' temperatures by row where one of them changes; those not told yet are NaN."""
+    """All joints' temperatures by row where one of them changes; those not known yet are NaN."""
     if not bag.has(topics.TEMPERATURE):
         return {}
     columns = bag.columns(topics.TEMPERATURE)

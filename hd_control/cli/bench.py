@@ -94,13 +94,13 @@ def merged(old: dict[str, Any], new: dict[str, Any]) -> dict[str, Any]:
 
 def _kept_notes(old: dict[str, Any], names: list[str]) -> list[str]:
     """Of which run the rows and curves are that stay: what earlier notes say of them, else the old run's own load."""
-    found, told, mark = [], set[str](), ": from an earlier run"
+    found, named, mark = [], set[str](), ": from an earlier run"
     for note in old["notes"]:
         listed, marked, load = note.partition(mark)
         left = [name for name in listed.split(", ") if name in names] if marked else []
         found += [f"{', '.join(left)}{mark}{load}"] if left else []
-        told |= set(left)
-    own = [name for name in names if name not in told]
+        named |= set(left)
+    own = [name for name in names if name not in named]
     return [*found, *([f"{', '.join(own)}{mark}, load {old['machine']['load']}"] if own else [])]
 
 

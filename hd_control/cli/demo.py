@@ -238,7 +238,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Tells the story; 0 done, 1 the robot was stopped or the diagnosis is not what was hidden."""
+    """Runs the demo; 0 done, 1 the robot was stopped or the diagnosis is not what was hidden."""
     import time
 
     from hd_control.cli.main import UsageError

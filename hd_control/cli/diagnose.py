@@ -1,5 +1,5 @@
-"""`hd diagnose BAG --model M`: which physical effect is missing in the model, or that nothing is, or that nobody can
-tell from this recording."""
+"""`hd diagnose BAG --model M`: which physical effect is missing in the model, or that none is, or that this
+recording cannot decide."""
 
 from __future__ import annotations
 

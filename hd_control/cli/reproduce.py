@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from hd_control.cli.options import Progress
-    from hd_control.papers.rows import Progress as Told
+    from hd_control.papers.rows import Progress as Report
 
 NAME = "reproduce"
 HELP = "the papers' tables and figures, side by side with ours"
@@ -45,11 +45,11 @@ def run(arguments: argparse.Namespace) -> int:
     found, figures = [], dict[str, list[tuple[str, Any]]]()
     for name in names:
         paper = papers.load_paper(name)
-        with _Bar(arguments, name) as told:
-            found += paper.rows(arguments.quick, arguments.seed, told, arguments.seeds)
+        with _Bar(arguments, name) as report:
+            found += paper.rows(arguments.quick, arguments.seed, report, arguments.seeds)
         if arguments.report:
-            with _Bar(arguments, f"{name}, pictures") as told:
-                figures[name] = paper.figures(arguments.quick, arguments.seed, told)
+            with _Bar(arguments, f"{name}, pictures") as report:
+                figures[name] = paper.figures(arguments.quick, arguments.seed, report)
     for line in papers.table(found):
         say(arguments, line)
     say(arguments, f"{summary(found)}\n{papers.CAVEAT}")
@@ -65,16 +65,16 @@ class _Bar:
     def __init__(self, arguments: argparse.Namespace, what: str) -> None:
         self.arguments, self.what = arguments, what
 
-    def __enter__(self) -> Told:
+    def __enter__(self) -> Report:
         from hd_control.cli.options import Progress
 
         self.bar: Progress = Progress(self.arguments, 1.0, self.what)
 
-        def told(share: float, what: str) -> None:
+        def report(share: float, what: str) -> None:
             self.bar.what = f"{self.what}: {what}"
             self.bar.update(share)
 
-        return told
+        return report
 
     def __exit__(self, *_: object) -> None:
         self.bar.close()

@@ -359,7 +359,7 @@ def free_run(
     `states` are smoothed; windows with NaN rows or rows that are not `usable` (n,) are left out. `link`: see
     `drive.link.own_link`; without it inertia is read off the states and gravity keeps its measured course. `command`
     (n,) N m: the recorded motor torque, held from each sample to the next; without it `states.motor_torque`. Raises
-    ConfigError if the model lacks stiffness or rotor inertia, or no window is whole.
+    ConfigError if the model has no stiffness or rotor inertia, or no window is whole.
     """
     good = np.ones(states.time.size, dtype=bool) if usable is None else np.asarray(usable, dtype=bool)
     if command is not None:

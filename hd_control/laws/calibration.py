@@ -133,7 +133,7 @@ RIPPLE = ("cosine_2", "sine_2", "cosine_4", "sine_4")
 MOVING, SLOW = 2e-3, 60.0
 """rad/s of the joint below which its direction is not known; rad/s of the rotor above which a turn is not slow."""
 TURNS, BLOCKS, GAIN_ERROR, WARM = 2.0, 20, 0.01, 5.0
-"""Turns of the wave generator that are needed; blocks of time; largest error of the gain; K that tell a drift."""
+"""Turns of the wave generator that are needed; blocks of time; largest error of the gain; K from which a drift is fitted."""
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ class GaugeFit:
 
 
 def fit_gauge(turn: SlowTurn, old: GaugeModel, parts: Collection[str] = PARTS) -> GaugeFit:
-    """Estimates `parts`; the others stay as in `old`. Raises BagError if the turn does not tell them."""
+    """Estimates `parts`; the others stay as in `old`. Raises BagError if the turn does not determine them."""
     rows = turn.taken()
     _check_motion(rows, parts)
     columns, known = _columns(rows, old, parts)
@@ -277,18 +277,18 @@ def _check_motion(rows: SlowTurn, parts: Collection[str]) -> None:
 
 
 def _check_errors(joint: str, fit: GaugeFit) -> None:
-    """Refuses what the recording does not tell."""
+    """Refuses what the recording does not determine."""
     errors = fit.errors
     if "gain" in errors and not errors["gain"] <= GAIN_ERROR * abs(fit.model.gain):
         raise BagError(
-            f"{joint}: the gain is not told by this turn (standard error {errors['gain']:.2g}, allowed "
+            f"{joint}: the gain is not determined by this turn (standard error {errors['gain']:.2g}, allowed "
             f"{GAIN_ERROR:g} of it; the link's torque spans {fit.torque_span:.3g} N m): turn through a wider range of "
             "load, or leave it out with --only ripple offset"
         )
     for name in ("offset", *RIPPLE):
         if name in errors and not errors[name] <= fit.after:
             raise BagError(
-                f"{joint}: {name} is not told by this turn (standard error {errors[name]:.2g} N m, residual "
+                f"{joint}: {name} is not determined by this turn (standard error {errors[name]:.2g} N m, residual "
                 f"{fit.after:.2g} N m): record a longer turn, or choose with --only"
             )
     if not 0.1 <= fit.model.gain <= 10.0:

@@ -168,7 +168,7 @@ def new_reference(joints: int) -> Block:
 
 
 def initial_state(params: Block, sample: Block | None = None) -> Block:
-    """Nothing known yet. The first sample's joint torque tells the hysteresis torque."""
+    """Nothing known yet. The first sample's joint torque gives the hysteresis torque."""
     return layout("ManifoldState", params.joints).zeros()
 
 

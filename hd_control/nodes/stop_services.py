@@ -131,27 +131,27 @@ def serve_black_box(node: Shell, boxes: Boxes) -> BlackBoxService:
 
 
 # ----------------------------------------------------------------------------------------------------
-# `torque_mode`: each torque node tells its mode when it changes, `torque_node DEGRADED`; the motion node listens.
+# `torque_mode`: each torque node publishes its mode when it changes, `torque_node DEGRADED`; the motion node listens.
 #
 # Modes: INACTIVE, ACTIVE, DEGRADED, STOPPING, HOLDING, STOPPED (docs/safety.md). Latched, so who comes late knows, too.
 
 
 NODES = 32
-"""Torque nodes that may tell their mode at the same time."""
+"""Torque nodes that may publish their mode at the same time."""
 
 
 class ModePublisher:
-    """Tells the mode of one torque law; called in the loop, publishes on a change only."""
+    """Publishes the mode of one torque law when it changes; called in the loop."""
 
     def __init__(self, node: Shell) -> None:
         self._name = node.get_fully_qualified_name()
         self._publisher = node.create_publisher(String, topics.MODE, latched_qos())
-        self._told = ""
+        self._published = ""
 
     def publish(self, mode: str) -> None:
         """The mode of this tick."""
-        if mode != self._told:
-            self._told = mode
+        if mode != self._published:
+            self._published = mode
             self._publisher.handle.publish_raw(encode_text(f"{self._name} {mode}"))
 
 

@@ -72,7 +72,7 @@ def node_facts() -> list[NodeFacts]:
 
 @contextmanager
 def _alone(name: str) -> Iterator[list[str]]:
-    """ROS arguments of a node that only tells what it has."""
+    """ROS arguments of a node that only says what it has."""
     with tempfile.TemporaryDirectory(prefix="hd_facts_") as folder:
         extra = ["-p", f"bag:={folder}/bag"] if name == "recorder_node" else []
         yield ["--ros-args", *extra, "--log-level", "error"] if extra else ["--ros-args", "--log-level", "error"]

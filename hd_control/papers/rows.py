@@ -53,7 +53,7 @@ class Constant:
 
 
 class Constants:
-    """All constants of one paper: `constants["gear_ratio"]` is a value, `chosen(...)` what has to be told."""
+    """All constants of one paper: `constants["gear_ratio"]` is a value, `chosen(...)` what has to be named."""
 
     def __init__(self, table: Mapping[str, Constant]) -> None:
         self._table = dict(table)

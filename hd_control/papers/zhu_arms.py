@@ -90,10 +90,10 @@ def _maker(outcomes: Sequence[Outcome], speed: str, geometry: str, name: str) ->
     ) -> Row:
         ours, worst = over_seeds([read(outcome) for outcome in outcomes])
         text = f"{what[figure]}; {motion}; {law}{describe(SETS[name])}"
-        told = (*chosen(), *load_constants(PAPER).chosen("slow_duration", "start_scale_spread"), *ARMS)
+        named = (*chosen(), *load_constants(PAPER).chosen("slow_duration", "start_scale_spread"), *ARMS)
         return Row(
             f"zhu.coordinated.{speed}.{figure}.{geometry}{ends}", PAPER, place, unit, paper, ours,
-            target if not name else None, text, chosen=told, seeds=worst,
+            target if not name else None, text, chosen=named, seeds=worst,
         )  # fmt: skip
 
     return make

@@ -59,7 +59,7 @@ def law_of(joint: int, step: float, rate_gain: float | None = None) -> Block:
 
 
 class IdealDrive:
-    """One drive, Zhu (1)-(4), semi-implicit steps; the link moves as it is told."""
+    """One drive, Zhu (1)-(4), semi-implicit steps; the link moves as given."""
 
     def __init__(self, joint: int, friction: bool) -> None:
         drives = plant_of(Case(f"single_joint_{joint}", ("slow",))).drives
@@ -314,17 +314,17 @@ def adaptation_rows(found: Mapping[Case, Outcome], seed: int) -> list[Row]:
 def proof_rows(calm: IdealRun, disturbed: IdealRun) -> list[Row]:
     """V1 falls, and the left sides of (15)-(18) stay below the right ones, with a disturbance in L2."""
     constants = load_constants(PAPER)
-    told = constants.chosen("ideal_step", "ideal_duration", "ideal_disturbance", "ideal_motion", "ideal_torque")
+    named = constants.chosen("ideal_step", "ideal_duration", "ideal_disturbance", "ideal_motion", "ideal_torque")
     text = (
         f"ideal drive of joint 7, exact rates, {constants['ideal_duration']:g} s in {constants['ideal_step']:g} s steps"
     )
     made = [
         Row("zhu.lyapunov.rebound", PAPER, "Theorem 1", "-", 0.0, calm.rebound, REBOUND,
-            f"how far V1 stands above its lowest value so far, over V1(0); {text}; u_d = 0", chosen=told),
+            f"how far V1 stands above its lowest value so far, over V1(0); {text}; u_d = 0", chosen=named),
         Row("zhu.lyapunov.end", PAPER, "Theorem 1", "-", None, float(calm.lyapunov[-1] / calm.lyapunov[0]), None,
-            f"V1 at the end over V1(0); {text}; u_d = 0", chosen=told),
+            f"V1 at the end over V1(0); {text}; u_d = 0", chosen=named),
     ]  # fmt: skip
     for number, (name, ratio) in enumerate(disturbed.ratios.items(), 15):
         row = f"left over right side; {text}; u_d in L2"
-        made.append(Row(f"zhu.l2.{name}", PAPER, f"({number})", "-", 1.0, ratio, 1.0, row, chosen=told))
+        made.append(Row(f"zhu.l2.{name}", PAPER, f"({number})", "-", 1.0, ratio, 1.0, row, chosen=named))
     return made

@@ -35,7 +35,7 @@ FIXED = ("error_filter", "kinematic_feedforward", "identified_friction", "fixed"
 class Case:
     """One run. `motion`: ("sine", Hz, rad), ("coordinated",) or ("slow",). `delay`: samples from sensor to torque.
 
-    `knowledge` is the share of the plant's friction and kinematic error that the law is told. `baseline` names a motion
+    `knowledge` is the share of the plant's friction and kinematic error that the law knows. `baseline` names a motion
     law of `hd_control.papers.baselines`. `rate_gain` replaces lambda_tau, 1/(N m s), also beyond what is allowed.
     """
 

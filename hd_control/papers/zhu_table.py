@@ -183,22 +183,22 @@ def describe(settings: Mapping[str, Any]) -> str:
     """Rate, sensor, delay, friction law, knowledge and options in words."""
     case = Case("single_joint_3", ("slow",), **settings)
     config = plant_of(case)
-    told = f"{1e-3 / config.period:g} kHz, {config.drives['resolver_bits'][0]:g} bits, delay {case.delay}"
-    share = f", told {100 * case.knowledge:g} % of friction and KE" if case.knowledge != 1.0 else ""
+    setting = f"{1e-3 / config.period:g} kHz, {config.drives['resolver_bits'][0]:g} bits, delay {case.delay}"
+    share = f", knows {100 * case.knowledge:g} % of friction and KE" if case.knowledge != 1.0 else ""
     extra = " + ".join(name for name in case.options if name not in ("fast_loop", "fine_sensor", "open_gate"))
-    return f"{told}, {case.friction} friction, set S{share}; paper's law{' + ' + extra if extra else ''}"
+    return f"{setting}, {case.friction} friction, set S{share}; paper's law{' + ' + extra if extra else ''}"
 
 
 @lru_cache
 def chosen() -> tuple[str, ...]:
     """What the paper does not give for these runs: drives of parameter set S, loads, beliefs; reasons in config/."""
     plants = [plant_of(Case(f"single_joint_{joint}", ("slow",))) for joint in JOINTS]
-    told = ", ".join(str(joint) for joint in JOINTS)
+    joints = ", ".join(str(joint) for joint in JOINTS)
     made = []
     for name in DRIVE_SETTINGS:
         shown = [" ".join(f"{x:.4g}" for x in np.ravel(plant.drives[name][0])) for plant in plants]
-        text = shown[0] if len(set(shown)) == 1 else f"{', '.join(shown)} (joints {told})"
+        text = shown[0] if len(set(shown)) == 1 else f"{', '.join(shown)} (joints {joints})"
         made.append(f"plant {name} = {text}")
     inertia = [p.robot.inertia[0, 2, 2] + p.robot.mass[0] * (p.robot.center_of_mass[0] ** 2).sum() for p in plants]
-    made.append(f"plant load = {', '.join(f'{x:g}' for x in inertia)} kg m^2 (joints {told}), axis horizontal")
+    made.append(f"plant load = {', '.join(f'{x:g}' for x in inertia)} kg m^2 (joints {joints}), axis horizontal")
     return (*made, *load_constants(PAPER).chosen("start_scale_single", "link_adaptation"))

@@ -46,7 +46,7 @@ class Drops:
 class TopicAccount:
     """Counts of one topic. `period_ns` is the tick of its stamps; 0 means that gaps cannot be seen.
 
-    Streams on one topic are told apart by `frame_id` (run id of the publisher, joint of a temperature); a stream that
+    Streams on one topic are kept apart by `frame_id` (run id of the publisher, joint of a temperature); a stream that
     begins is not a gap, one that jumps by n ticks has n - 1 missing samples.
     """
 

@@ -331,7 +331,7 @@ def _speeds(bag: BagReader, sources: dict[str, Sources]) -> dict[str, SpeedScan]
 
 
 def _coverage(series: Sources, speed: SpeedScan | None) -> dict[str, Any]:
-    """Ranges of speed, load, angle and temperature of one joint; only what its signals tell."""
+    """Ranges of speed, load, angle and temperature of one joint; only what its signals show."""
     found: dict[str, Any] = {}
     for signal, name, unit in (
         ("joint_position", "angle", "rad"),

@@ -351,5 +351,5 @@ class Guard:
 
 
 def _reported(fault: Fault) -> Fault:
-    """The same finding while nothing of the law leaves: it is told, and demands nothing."""
+    """The same finding while nothing of the law leaves: it is reported, and demands nothing."""
     return Fault(fault.code, fault.joint, fault.value, fault.limit, Action.REPORT)

@@ -371,11 +371,11 @@ class Session:
         return answer
 
     def tick(self) -> int:
-        """The next tick of the plant as it last told; -1 before the first word."""
+        """The next tick of the plant as it last reported; -1 before the first report."""
         return int(self.client.tick)
 
     def wait_until_tick(self, tick: int, timeout: float = 60.0) -> None:
-        """Waits until the plant has come to `tick` (told every 50 ticks and when it stands still)."""
+        """Waits until the plant has come to `tick` (reported every 50 ticks and when it stands still)."""
         self._wait(lambda: self.tick() >= tick, timeout, f"the plant did not come to tick {tick}")
 
     def run_to(self, tick: int, timeout: float = 60.0) -> None:

@@ -1,7 +1,7 @@
 """`plant_node`: the simulated drives, arm and sensors; sets the tick. `~/reset` ends a latched stop of its gate,
 `~/black_box` writes what a stop has left.
 
-`~/progress` (latched) tells the next tick, every 50 ticks and whenever the plant stands still. Exit codes: 0 stopped on
+`~/progress` (latched) gives the next tick, every 50 ticks and whenever the plant stands still. Exit codes: 0 stopped on
 request, 1 internal fault, 2 bad configuration.
 """
 

@@ -41,7 +41,7 @@ class Seam(Protocol):
         """The newest tick that the recorder has; -1 before it is ready."""
 
     def progress(self, tick: int) -> None:
-        """Tells how far the plant is."""
+        """Reports how far the plant is."""
 
 
 class PlantTurn:

@@ -8,7 +8,7 @@ from test_story import KNOWN, QUICK, test_the_missing_effect_is_named_added_and_
 
 GOALS = ("STORY",)
 
-told = test_the_missing_effect_is_named_added_and_the_error_falls
+story = test_the_missing_effect_is_named_added_and_the_error_falls
 del test_the_missing_effect_is_named_added_and_the_error_falls  # is collected where it is defined
 
 
@@ -16,7 +16,7 @@ def test_every_effect_left_out_by_the_quick_lane():
     effects, failing = sorted(set(KNOWN) - set(QUICK)), []
     for effect in effects:
         try:
-            told(effect)
+            story(effect)
         except AssertionError as error:
             failing.append(f"{effect}: {error}")
     words = f"{len(effects) - len(failing)} of {len(effects)} effects named, added, held-out error at the noise"

@@ -77,7 +77,7 @@ def test_ticks_without_all_sensors_are_left_out(tmp_path):
     found, _ = again(bag)
     assert found["joint_states", "position"].compared == bag.ticks.size
     first = found["motor_torque_command", "effort"].first_tick
-    assert first == 21, "equal until the goal moves, which this bag lacks"
+    assert first == 21, "equal until the goal moves, which this bag does not have"
 
 
 def test_a_goal_without_a_stamp_starts_where_the_reference_moved():

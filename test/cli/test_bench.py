@@ -61,7 +61,7 @@ def test_lines_show_ratios_and_what_was_not_measured() -> None:
     assert text[1].endswith("3 x") and "-" in text[2]
 
 
-def test_a_command_that_fails_is_told_with_its_words() -> None:
+def test_a_command_that_fails_is_reported_with_its_words() -> None:
     with pytest.raises(HdError, match="no such"):
         commands.run_hd("info", "/nowhere/at/all")
 

@@ -62,7 +62,7 @@ def test_estimates_are_the_hidden_values(written):
     assert values["gauge_sine_2"][4] == pytest.approx(HIDDEN["extra_ripple_sine"], abs=0.03)
 
 
-def test_the_document_tells_errors_and_gain(written):
+def test_the_document_has_errors_and_gain(written):
     found = written[1]
     assert found["schema"] == "hd.calibrate/1"
     joint = found["joints"]["joint_5"]

@@ -45,7 +45,7 @@ def test_force_replaces_a_challenge_and_nothing_else(folder, tmp_path, capsys):
     assert "is no challenge" in capsys.readouterr().err and (tmp_path / "work").is_dir()
 
 
-def test_nothing_outside_the_seal_tells(folder):
+def test_nothing_outside_the_seal_gives_the_answer_away(folder):
     for path in folder.rglob("*"):
         if path.is_file():
             assert b"gauge_offset" not in path.read_bytes(), path

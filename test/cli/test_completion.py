@@ -13,7 +13,7 @@ from hd_control.cli import completion, main
 ASK = {
     "bash": 'source {script}; COMP_WORDS=({words}) COMP_CWORD={index}; _hd; printf "%s\\n" "${{COMPREPLY[@]}}"',
     "fish": "source {script}; complete -C '{line}'",
-    # zsh completes in its line editor only: the function is called as it does, and tells what it would offer.
+    # zsh completes in its line editor only: the function is called as it does, and prints what it would offer.
     "zsh": 'compdef() {{}}; compadd() {{ print -l -- "$@" }}; _files() {{ print FILES }}; source {script}; '
     "words=({words}); CURRENT={number}; _hd",
 }

@@ -122,7 +122,7 @@ def test_an_export_takes_a_part(tmp_path: Path, mapping: Path) -> None:
     assert float(rows[0]["elbow.joint_position"]) == pytest.approx(np.deg2rad(20.0 * np.cos(2.0)))
 
 
-def test_rows_with_bad_times_are_dropped_and_told(tmp_path: Path, mapping: Path, capsys) -> None:
+def test_rows_with_bad_times_are_dropped_and_counted(tmp_path: Path, mapping: Path, capsys) -> None:
     columns = table()
     columns["t"][50], columns["t"][300] = columns["t"][49], np.nan
     source = write_csv(tmp_path / "log.csv", columns)

@@ -32,7 +32,7 @@ def document(path: Path) -> dict[str, Any]:
     return found
 
 
-def test_compare_tells_error_refit_noise_and_where(folder: Path, tmp_path: Path, capsys: Any) -> None:
+def test_compare_prints_error_refit_noise_and_where(folder: Path, tmp_path: Path, capsys: Any) -> None:
     out = tmp_path / "compare.json"
     assert main(["compare", str(folder / "fit"), "--model", str(folder / "model.yaml"), "--json", str(out)]) == 0
     found = document(out)
@@ -141,7 +141,7 @@ def columns() -> tuple[dict[str, np.ndarray], str]:
 
 
 @pytest.mark.parametrize("what", ["three seconds", "nan", "constant", "ratio"])
-def test_recordings_that_cannot_decide_are_told_so(
+def test_recordings_that_cannot_decide_are_refused(
     what: str, columns: tuple[dict[str, np.ndarray], str], folder: Path, tmp_path: Path, capsys: Any
 ) -> None:
     signals, robot = columns

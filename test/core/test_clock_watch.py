@@ -1,4 +1,4 @@
-"""F15: a jump of the system clock is told with its size; slow corrections and the first look are none."""
+"""F15: a jump of the system clock is reported with its size; slow corrections and the first look are none."""
 
 import pytest
 
@@ -8,7 +8,7 @@ S = 1_000_000_000
 
 
 @pytest.mark.parametrize("jump", [1.0, -1.0, 3600.0, -3600.0, 0.11])
-def test_f15_a_jump_of_the_system_clock_is_told_with_its_size(jump):
+def test_f15_a_jump_of_the_system_clock_is_reported_with_its_size(jump):
     watch = ClockWatch()
     assert watch.look(1_700_000_000 * S, 50 * S) is None
     assert watch.look(1_700_000_001 * S, 51 * S) is None

@@ -118,7 +118,7 @@ def test_values_survive_split_and_join(effect: type[Effect], values: dict[str, f
     assert coefficients.shape == (len(effect.coefficient_names(shape)),)
     back = effect.join(shape, coefficients, CONTEXT)
     assert {name: back[name] for name in values} == pytest.approx(values, rel=1e-12)
-    assert all(value == 0.0 for name, value in back.items() if name not in values), "join adds what split was not told"
+    assert all(value == 0.0 for name, value in back.items() if name not in values), "join adds what split did not get"
 
 
 @every

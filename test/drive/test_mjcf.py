@@ -41,7 +41,7 @@ def test_every_value_is_at_its_place():
     assert list(rigid) == ["elbow"] and "stiffness" not in rigid["elbow"]
 
 
-def test_what_mujoco_lacks_is_named():
+def test_what_mujoco_does_not_have_is_named():
     text = mjcf_text(alone(kinematic_error={"cosine_2": 1e-4}, asymmetric_friction={"friction_offset": 1.0}))
     assert "left out: kinematic_error, asymmetric_friction" in text
     assert "left out: nothing" in mjcf_text(alone())

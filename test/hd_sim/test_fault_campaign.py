@@ -27,8 +27,8 @@ def case(target, kind, length=1000, joint=-1, plant="single_joint_5", distance=0
 def test_g1_no_unsafe_torque_and_every_stop_in_time():
     """Failing cases print seed and case, and what is left of them after shrinking. The long lane runs 10 000."""
     failing = [each for each in (draw_case(SEED, k) for k in range(CASES)) if run_case(each).problems]
-    told = [f"{each.text}: {run_case(each).problems}\n  shrunk: {shrink(each).text}" for each in failing[:3]]
-    assert not failing, f"{len(failing)} of {CASES}\n" + "\n".join(told)
+    shown = [f"{each.text}: {run_case(each).problems}\n  shrunk: {shrink(each).text}" for each in failing[:3]]
+    assert not failing, f"{len(failing)} of {CASES}\n" + "\n".join(shown)
 
 
 @pytest.mark.parametrize("target", ["encoder", "resolver", "gauge_bridge", "joint_states", "motor_torque_command"])
@@ -93,7 +93,7 @@ def test_f03_f07_a_stuck_position_sensor_stops_a_moving_joint(target, velocity, 
 
 
 def test_f08_three_readings_at_the_rail_degrade_twenty_stop():
-    """A slow rise, so that the jump itself is no fault: the torque law sees the rail in what fusion tells it."""
+    """A slow rise, so that the jump itself is no fault: the torque law sees the rail in what fusion gives it."""
     modes, at_rail = [], []
     runner = make_runner(replace(case("gauge_bridge", "ok", distance=0.0), injections=()))
     for tick in range(320):

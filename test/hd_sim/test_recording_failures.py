@@ -1,4 +1,4 @@
-"""Goal G9: whatever happens to the recording, the torques stay the same bit for bit, and the error is told at once."""
+"""Goal G9: whatever happens to the recording, the torques stay the same bit for bit, and the error is reported at once."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ class BrokenFile:
 
 
 def torques(recorder: Recorder | None, stream: BrokenFile | None = None, fail_at: int = FAIL_AT) -> tuple[str, int]:
-    """Hash of all commands of a run, and the tick at which the recorder told its failure (-1: never)."""
-    runner, digest, told = Runner(RunSetup(PlantConfig.from_file("arm_a"), 1)), hashlib.sha256(), -1
+    """Hash of all commands of a run, and the tick at which the recorder reported its failure (-1: never)."""
+    runner, digest, reported = Runner(RunSetup(PlantConfig.from_file("arm_a"), 1)), hashlib.sha256(), -1
     codec = joint_state_codec(TOPIC, runner.robot.joint_names)
     for tick in range(TICKS):
         effort = runner.step()[TOPIC]["effort"]
@@ -44,31 +44,31 @@ def torques(recorder: Recorder | None, stream: BrokenFile | None = None, fail_at
         recorder.offer(TOPIC, tick * TICK_NS, codec.encode(tick * TICK_NS, RUN, effort=effort))
         if tick % 5 == 0:
             recorder.tend(tick * TICK_NS)
-        if recorder.failure and told < 0:
-            told = tick
-    return digest.hexdigest(), told
+        if recorder.failure and reported < 0:
+            reported = tick
+    return digest.hexdigest(), reported
 
 
 def fail_once(folder, code: int, fail_at: int, plain: str) -> tuple[int, str]:
-    """A run whose disk fails at a tick: when it was told, and what is wrong with it (nothing: an empty text)."""
+    """A run whose disk fails at a tick: when it was reported, and what is wrong with it (nothing: an empty text)."""
     folder.mkdir(exist_ok=True)
     recorder = Recorder(BagWriter(folder / "bag"))
     recorder.add_topic(TOPIC)
     recorder.bag.flush()
     stream = BrokenFile(recorder.bag._raw, code)
     recorder.bag._file._stream = stream
-    digest, told = torques(recorder, stream, fail_at)
+    digest, reported = torques(recorder, stream, fail_at)
     closed, row = recorder.close(), recorder.statistics()[f"/{TOPIC}"]
     drops = row["drops"]["disk"]
     checks = {
         "torques differ": digest == plain,
-        "told too late": fail_at <= told <= fail_at + 1000,
+        "reported too late": fail_at <= reported <= fail_at + 1000,
         "no reason": closed == recorder.failure != "",
         "not all published": row["published"] == TICKS,
         "not in balance": TICKS == row["written"] + drops and row["written"] >= fail_at - 5,
         "bag and count differ": BagReader(folder / "bag").counts.get(f"/{TOPIC}", 0) == row["written"],
     }
-    return told, ", ".join(name for name, good in checks.items() if not good)
+    return reported, ", ".join(name for name, good in checks.items() if not good)
 
 
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EIO, errno.EROFS])

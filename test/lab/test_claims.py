@@ -96,7 +96,7 @@ def prior(scores: Scores, index: np.ndarray) -> float:
     return 0.5 * float(np.sum(c**2 @ scores._prior[index])) / len(c)
 
 
-def test_rows_that_only_they_themselves_tell_of_are_no_noise() -> None:
+def test_blocks_that_no_other_block_can_predict_are_no_noise() -> None:
     from hd_control.lab.diagnosis.dictionary import _without_outliers
 
     seen, unseen = np.ones(60), np.full(60, 1.2)

@@ -88,7 +88,7 @@ def test_a_tone_in_time_is_no_property_of_the_angle() -> None:
     assert all(line.names == () for line in lines)
 
 
-def test_at_one_speed_angle_and_time_are_not_told_apart() -> None:
+def test_at_one_speed_angle_and_time_are_not_separable() -> None:
     spectrum, lines = found([record(sweep(0.2), wave(2.0, 0.8), noise=0.5)])
     assert [line.bound for line in lines] == [ONE_SPEED]
     assert "one speed only" in describe(lines[0], spectrum, "N m")
@@ -129,7 +129,7 @@ def test_no_line_where_there_is_none(kind: str) -> None:
         assert spectrum.range[1] > 2.0 and lines == ()
 
 
-def test_neighbours_are_told_apart_only_with_enough_turns() -> None:
+def test_neighbours_are_separable_only_with_enough_turns() -> None:
     """2 N and 2 (N + 1) per joint turn: half a joint turn separates them, less lists both."""
     assert len(names_of(2.0, 1.0 / 60.0, RATIO)) == 1
     assert len(names_of(2.0, 1.0 / 30.0, RATIO)) == 3

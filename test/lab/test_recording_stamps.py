@@ -12,7 +12,7 @@ from hd_control.lab.signals.recording import read_recording
 from hd_control.lab.signals.time_base import rising
 
 
-def test_stamps_that_repeat_or_go_back_are_dropped_and_told(tmp_path: Path) -> None:
+def test_stamps_that_repeat_or_go_back_are_dropped_and_reported(tmp_path: Path) -> None:
     stamps = ticks(2.0).copy()
     stamps[700], stamps[1200] = stamps[699], stamps[100]
     recording = read_recording(standard_bag(tmp_path / "bag", stamps, skip=["temperature"]))

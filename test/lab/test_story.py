@@ -32,7 +32,7 @@ KNOWN = {
 }
 """Effect -> channel that shows it, strength."""
 QUICK = ("kinematic_error", "stribeck_friction", "gauge_ripple")
-"""One for each channel; the others are told in the long lane (hd test --long STORY)."""
+"""One for each channel; the others run in the long lane (hd test --long STORY)."""
 
 
 def opened(pair: Pair) -> tuple[Split, Model, str]:

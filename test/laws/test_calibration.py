@@ -77,17 +77,17 @@ def test_parts_that_are_not_asked_for_stay(rng):
         ({"speed": 0.001}, "wave generator turns .* a calibration needs 2 turns"),
         ({"speed": 0.5}, "rotor below 60 rad/s"),
         ({"seconds": 0.8, "speed": 0.3}, "calibration needs 2 turns and 1000 samples"),
-        ({"load": 0.0}, "gain is not told by this turn"),
-        ({"load": 0.05}, "gain is not told by this turn .* --only ripple offset"),
+        ({"load": 0.0}, "gain is not determined by this turn"),
+        ({"load": 0.05}, "gain is not determined by this turn .* --only ripple offset"),
         ({"model": replace(TRUE, gain=-1.0)}, "gain of -1 is outside"),
     ],
 )
-def test_what_the_turn_does_not_tell_is_refused(rng, change, text):
+def test_what_the_turn_does_not_determine_is_refused(rng, change, text):
     with pytest.raises(BagError, match=f"joint_5: .*{text}"):
         fit_gauge(turn(rng, **change), OLD)
 
 
-def test_without_load_ripple_and_offset_are_still_told(rng):
+def test_without_load_ripple_and_offset_are_still_determined(rng):
     fit = fit_gauge(turn(rng, load=0.0), replace(OLD, gain=TRUE.gain), ("ripple", "offset"))
     assert fit.model.offset == pytest.approx(TRUE.offset, abs=0.02)
 

@@ -50,7 +50,7 @@ def test_required_rates_that_differ_agree_with_explicit_matrices():
         found = rigid_torque(robot, q[None], v[None], a_r[None], v_r[None])[0]
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)  # rounding at some 100 N m
         crossed = rigid_torque(robot, q[None], v[None], a_r[None])[0]
-        assert np.abs(crossed - expected).max() > 1e-3, "the case must tell required from actual rates"
+        assert np.abs(crossed - expected).max() > 1e-3, "the case must separate required from actual rates"
 
 
 def test_coriolis_matrix_is_skew_symmetric():

@@ -95,7 +95,7 @@ def test_the_end_of_the_node_writes_what_is_there_and_no_stop_is_no_box(bench):
     assert len(black_boxes(bench.folder)) == 1 and not bench.service._thread.is_alive()
 
 
-def test_an_exception_while_writing_is_told_and_does_not_end_the_thread(bench, monkeypatch):
+def test_an_exception_while_writing_is_reported_and_does_not_end_the_thread(bench, monkeypatch):
     def broken(*_):
         raise RuntimeError("no such thing")
 

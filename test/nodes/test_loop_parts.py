@@ -185,8 +185,8 @@ def test_an_activation_during_the_wait_never_makes_a_tick_of_its_own() -> None:
     assert acted == [(0, 0)] and turn.tick == 0
 
 
-def test_the_recorder_tells_of_its_slowest_topic() -> None:
-    """A lock-step plant runs at most the recorder's lag ahead of what is told: a topic that is late must hold it back,
+def test_the_recorder_reports_its_slowest_topic() -> None:
+    """A lock-step plant runs at most the recorder's lag ahead of what is reported: a topic that is late must hold it back,
     or its publisher overwrites what was not delivered yet."""
     from hd_control.nodes.recorder_node import NEEDED, RecorderTurn
     from hd_control.record.schema import joint_state_codec
@@ -206,20 +206,20 @@ def test_the_recorder_tells_of_its_slowest_topic() -> None:
         columns = {field: np.zeros(1) for field in codec.fields}
         waiting[name].append(codec.encode(tick * 1_000_000, "run_000000000000", **columns))
 
-    told: list[int] = []
-    turn = RecorderTurn(None, [topic(name) for name in NEEDED], 1_000_000, told.append)  # type: ignore[arg-type]
+    reported: list[int] = []
+    turn = RecorderTurn(None, [topic(name) for name in NEEDED], 1_000_000, reported.append)  # type: ignore[arg-type]
     turn.recorder = SimpleNamespace(offer=lambda *_: None, tend=lambda _: None)  # type: ignore[assignment]
     turn._announced = True
     for name in NEEDED[:-1]:
         arrive(name, 300)
     turn.collect()
-    assert told == []
+    assert reported == []
     arrive(NEEDED[-1], 120)
     turn.collect()
-    assert told == [120]
+    assert reported == [120]
     arrive(NEEDED[-1], 310)
     turn.collect()
-    assert told == [120, 300]
+    assert reported == [120, 300]
 
 
 def test_only_the_loop_keeps_real_time():

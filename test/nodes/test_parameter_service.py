@@ -44,7 +44,7 @@ class FakeNode:
         raise AttributeError(name)
 
     def set(self, **values):
-        """What rclpy does with a set of changes: to the declared types, judged, then stored and told."""
+        """What rclpy does with a set of changes: to the declared types, judged, then stored and announced."""
         changes = [RosParameter(name, value=value) for name, value in values.items()]
         changes = self.callbacks["add_pre_set_parameters_callback"](changes)
         result = self.callbacks["add_on_set_parameters_callback"](changes)

@@ -14,7 +14,7 @@ class DegradedOracle:
         self.found = []
 
     def look(self, tick, mode, reference_velocity, estimates):
-        """The mode that the law tells, the reference of this tick, the estimates as bytes."""
+        """The mode that the law reports, the reference of this tick, the estimates as bytes."""
         if mode != "DEGRADED":
             self.since = self.estimates = None
             return

@@ -40,7 +40,7 @@ def test_each_slow_term_lowers_the_error():
 
 
 def test_kinematic_error_known_is_absorbed_wherever_it_stands():
-    """The law is told the assembly phase; told another one it fails."""
+    """The law gets the assembly phase; with another one it fails."""
     turned_gear = Experiment(period=1e-4, phase=2.0)
     wrong = {name: value[0] for name, value in law_values(load_constants("gandhi"), Experiment()).items()
              if name.startswith("kinematic")}  # fmt: skip

@@ -68,10 +68,10 @@ def test_options_change_only_what_they_say():
     assert combined(("torque_gain",))["motion_node"] == combined(())["motion_node"]
     with pytest.raises(ConfigError, match="no option 'magic'; there is paper"):
         combined(("magic",))
-    told = setup_of(Case("single_joint_3", ("slow",), IMPROVED, knowledge=0.8)).node_values("torque_node")
+    known = setup_of(Case("single_joint_3", ("slow",), IMPROVED, knowledge=0.8)).node_values("torque_node")
     drives = plant_of(Case("single_joint_3", ("slow",))).drives
-    assert told["coulomb_torque_initial"] == pytest.approx(0.8 * drives["coulomb_torque"])
-    assert told["kinematic_sine_2"] == pytest.approx(0.8 * drives["kinematic_sine"][:, 1])
+    assert known["coulomb_torque_initial"] == pytest.approx(0.8 * drives["coulomb_torque"])
+    assert known["kinematic_sine_2"] == pytest.approx(0.8 * drives["kinematic_sine"][:, 1])
     assert plant_of(Case("arm_b", ("slow",), FAST)).period == 2.5e-4
     assert plant_of(Case("arm_b", ("slow",), STIFF)).drives["resolver_bits"][0] == 20
 

@@ -115,7 +115,7 @@ def test_a_damaged_chunk_is_skipped_and_the_others_are_kept(tmp_path):
 
 
 def test_checksums_are_compared(tmp_path):
-    """A changed payload bit in an uncompressed chunk, and one in a plain closed file: only the checksum can tell."""
+    """A changed payload bit in an uncompressed chunk, and one in a plain closed file: only the checksum shows it."""
     import struct
     import zlib
 
@@ -203,7 +203,7 @@ while True:
 @pytest.mark.process
 @pytest.mark.parametrize("seconds", [0.05, 0.4, 0.9])
 def test_a_killed_recorder_loses_less_than_100_ms(tmp_path, seconds):
-    """The writer prints the time of each sample it has taken; what the file lacks is the loss (recorder rule 2).
+    """The writer prints the time of each sample it has taken; what is not in the file is the loss (recorder rule 2).
 
     The second topic has about ten samples a second: a slow topic loses no more than a fast one.
     """

@@ -111,7 +111,7 @@ FOREIGN = {
 
 @pytest.mark.parametrize("name", FOREIGN)
 def test_f28_foreign_types_are_data(tmp_path, name):
-    """Read, or refused by a BagError, or told as messages that do not fit; raw bytes stay readable always."""
+    """Read, or refused by a BagError, or reported as messages that do not fit; raw bytes stay readable always."""
     type_name, definition = FOREIGN[name]
     path = tmp_path / "foreign.mcap"
     with path.open("wb", buffering=0) as raw:

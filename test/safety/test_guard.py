@@ -266,7 +266,7 @@ def test_f40_the_braking_envelope(position, velocity, stops):
     if stops:
         j = faults[0].joint
         assert abs(faults[0].limit) == HIGH[j] and math.copysign(1.0, faults[0].limit) == np.sign(position[j])
-        assert bench.send()[1] == [], "told once; the stop is latched"
+        assert bench.send()[1] == [], "reported once; the stop is latched"
 
 
 @pytest.mark.parametrize(("velocity", "stops"), [(2.99, False), (3.01, True), (-2.99, False), (-3.01, True)])
@@ -345,7 +345,7 @@ def test_deactivation_ends_the_torque_and_keeps_the_latch():
     assert not calm.guard.stopped and calm.send()[0].tolist() == [0.0, 0.0]
 
 
-def test_a_fault_is_told_once_also_when_the_gate_sees_it_too():
+def test_a_fault_is_reported_once_also_when_the_gate_sees_it_too():
     bench = Bench()
     bench.guard.measured.motor_position = math.nan
     _, faults = bench.send([40.0, math.nan])

@@ -263,7 +263,7 @@ class TestBothForms:
         out, _, _ = send(gate, [0.7, -0.7, 0.2], opened(), bounds=small)
         assert out.tolist() == [0.5, -0.5, 0.2]
 
-    def test_f38_tells_how_far_the_command_was_from_the_torque_that_left(self, gate):
+    def test_f38_says_how_far_the_command_was_from_the_torque_that_left(self, gate):
         _, _, faults = send(gate, [60.0, -20.0, 0.0], opened(applied=(80.0, -10.0, 0.0)))
         assert [(f.code, f.joint, f.value, f.limit) for f in faults] == [
             (FaultCode.RATE_LIMITED, 0, -20.0, 10.0),

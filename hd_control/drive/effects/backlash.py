@@ -78,7 +78,7 @@ class Backlash(Effect):
 
     @classmethod
     def blind(cls, states: DriveStates, shape: Shape) -> dict[str, BoolArray]:
-        """Inside the gap the torque does not tell where the gear lies."""
+        """Inside the gap the torque does not determine where the gear lies."""
         inside = np.abs(states.elastic_torque) < CROSSING * float(shape["crossing_torque"])
         count = np.concatenate([[0], np.cumsum(inside)])
         margin, index = round(LANDING_S / states.period), np.arange(inside.size)

@@ -116,7 +116,7 @@ def _column(states: DriveStates, term: str) -> FloatArray:
 
 
 def _independent(regressor: FloatArray) -> list[int]:
-    """Columns of a regressor (n, k <= 10) that the motion tells apart, by pivoted orthogonalisation, in order."""
+    """Columns of a regressor (n, k <= 10) that the motion separates, by pivoted orthogonalisation, in order."""
     rows = regressor[np.isfinite(regressor).all(axis=1)]
     rows = rows[:: max(1, len(rows) // ROWS)]
     scale = TYPICAL_RADIUS ** np.array([0, 1, 1, 1, 2, 2, 2, 2, 2, 2])[: regressor.shape[1]]

@@ -30,7 +30,7 @@ FAST_PRIOR = 0.2
 """Standard deviation of the fast part's own compliance over the compliance."""
 GEAR_ORDERS = (1, 2, 3, 4)
 FEWEST_TURNS = 4.0
-"""Turns of the wave generator from which on its waves are told from motion and torque."""
+"""Turns of the wave generator from which on its waves are separable from motion and torque."""
 SPRING_BAND = (60.0, 95.0)
 """Hz, of the torque that drives hysteresis and other torsion laws: wide, for its reversals must not be late."""
 
@@ -99,7 +99,7 @@ class GearWaves:
 
     def at(self, damping: float) -> FloatArray:
         """What they do to the torsion columns at `damping` s, (rows, k); k = 0 where the wave generator turns too
-        little to tell them from the motion."""
+        little to separate them from the motion."""
         if self._waves is None:
             return np.empty((self.spectral.rows(self.band), 0))
         lag = _lag(self.spectral, damping)

@@ -1,1 +1,1 @@
-"""Which physical effect a model lacks: candidates, held-out scores, search, claims, verdict."""
+"""Which physical effect is missing in a model: candidates, held-out scores, search, claims, verdict."""

@@ -122,7 +122,7 @@ def _variety(speed: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class Shortfall:
-    """One thing that a recording lacks: what, for which channels nothing can be said, and what to record."""
+    """One thing that is missing in a recording: what, for which channels nothing can be said, and what to record."""
 
     what: str
     channels: tuple[str, ...]

@@ -75,18 +75,18 @@ def rich_noise(channel: Channel, raw: FloatArray, velocity: FloatArray) -> Noise
 
 
 def _without_outliers(seen: FloatArray, unseen: FloatArray, block: IntArray, use: BoolArray) -> FloatArray:
-    """What a fit leaves in rows that it has not seen, without blocks that only they themselves tell anything of.
+    """What a fit leaves in rows that it has not seen, without blocks that no other block can predict.
 
     A place that was visited once cannot be predicted from the rest: that is no noise. (rows,) each, `use`: rows that
     were held out.
     """
     count = int(block.max(initial=0)) + 1
     power = [np.bincount(block[use], r[use] ** 2, count) for r in (unseen, seen)]
-    told = power[1] > 0.0
-    if not told.any():
+    seen_at_all = power[1] > 0.0
+    if not seen_at_all.any():
         return unseen
-    ratio = np.sqrt(np.divide(power[0], power[1], out=np.ones(count), where=told))
-    usual = float(np.median(ratio[told]))
+    ratio = np.sqrt(np.divide(power[0], power[1], out=np.ones(count), where=seen_at_all))
+    usual = float(np.median(ratio[seen_at_all]))
     alone = use & (ratio > LONELY * usual)[block]
     return np.where(alone, usual * seen, unseen)
 

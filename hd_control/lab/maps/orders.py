@@ -65,7 +65,7 @@ class Part:
 
     @property
     def resolution(self) -> float:
-        """Orders that are told apart: 1 / turns."""
+        """Distance of two orders that are separable: 1 / turns."""
         return 1.0 / self.turns
 
     def holds(self, order: float) -> bool:
@@ -289,12 +289,12 @@ def _summit(orders: FloatArray, amplitude: FloatArray, i: int) -> tuple[float, f
 # Names of order lines, and whether a line is bound to the angle or to time.
 #
 # A line is bound to the angle only if its order stays put while the speed changes; a line fixed in hertz is a resonance
-# or a disturbance. Orders closer than the resolution 1 / turns are not told apart: all their names are listed.
+# or a disturbance. Orders closer than the resolution 1 / turns are not separable: all their names are listed.
 
 
 ANGLE, HERTZ, ONE_SPEED, OPEN = "angle", "hertz", "one speed", "open"
 SPEED_RATIO = 1.25
-"""Mean speed of the fast over that of the slow stretches from which on angle and time are told apart."""
+"""Mean speed of the fast over that of the slow stretches from which on angle and time are separable."""
 SPEED_LIKE = 1.1
 """Speeds that differ by less count as the same."""
 PRESENT = 3.0
@@ -415,7 +415,7 @@ def describe(line: OrderLine, spectrum: OrderSpectrum, unit: str, factor: float 
     why = {
         ANGLE: "stays at its order while the speed changes",
         HERTZ: "stays at its frequency in hertz: a resonance or disturbance, not bound to the angle",
-        ONE_SPEED: "seen at one speed only, so angle and time are not told apart",
+        ONE_SPEED: "seen at one speed only, so angle and time are not separable",
         OPEN: "not seen at every speed",
     }
     names = "; or ".join(line.names) or ("" if line.bound == HERTZ else "no known order")

@@ -59,7 +59,7 @@ class JointReport:
 
 
 def joint_task(recording: Recording, model: Model, joint: str, link: LinkSide | None = None) -> Task:
-    """The task of one joint. Raises ConfigError if model or recording lack the joint."""
+    """The task of one joint. Raises ConfigError if the joint is not in the model or not in the recording."""
     if joint not in recording.joints:
         raise ConfigError(f"{recording.path}: no joint {joint!r} is recorded; there is {', '.join(recording.joints)}")
     side = link if link is not None else LinkSide(model, recording.joints)

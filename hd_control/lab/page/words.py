@@ -64,7 +64,7 @@ def _effect(effect: NamedEffect, diagnosis: JointDiagnosis) -> str:
     if effect.channel in diagnosis.channels:
         text += f"; the noise is {factor * diagnosis.channels[effect.channel].noise_floor:.3g} {unit}"
     others = [plain_name(other) for other in effect.confusable_with]
-    text += f". These data do not tell it from {' or '.join(others)}." if others else "."
+    text += f". These data do not separate it from {' or '.join(others)}." if others else "."
     return text + " " + _sentence(effect.evidence)
 
 

@@ -91,7 +91,7 @@ class JointSignals:
     from its stamp to the next (its true value if the drive reports it, else the command), `temperature` deg C,
     `reference_position` rad.
     `sources`: column -> the topic it came from. `period_command_delay`: samples between the stamp of `motor_torque` and
-    the moment it acts that the reader has not taken out, as far as the recording tells. `notes`: what was repaired or
+    the moment it acts that the reader has not taken out, as far as the recording says. `notes`: what was repaired or
     looks wrong, one sentence each.
     """
 

@@ -46,7 +46,7 @@ class TopicColumns(Protocol):
         """True if any message has the field."""
 
     def column(self, field: str, name: str) -> FloatArray:
-        """The numbers of one joint, (n,), NaN where a message lacks them."""
+        """The numbers of one joint, (n,), NaN where a message does not have them."""
 
     def present(self, field: str, names: Sequence[str]) -> BoolArray:
         """(n, names): where a number is finite."""
@@ -183,7 +183,7 @@ class Collector:
     _times: FloatArray | None = None
 
     def collect(self) -> None:
-        """Reads the best source of every signal, then the next best for joints that still lack it."""
+        """Reads the best source of every signal, then the next best for joints that are still without it."""
         listed = {name: self.source_map.signals[name] for name in SIGNALS if name in self.source_map.signals}
         ranked = {name: [s for s in sources if self._usable(s)] for name, sources in listed.items()}
         for rank in range(max((len(sources) for sources in ranked.values()), default=0)):
@@ -302,7 +302,7 @@ class Collector:
         stamps: IntArray,
         keep: Rows,
     ) -> None:
-        """Aligned columns of one signal for the joints that lack it."""
+        """Aligned columns of one signal for the joints that are without it."""
         assert self.base is not None
         late = round((source.delay - source.acts_later * self.base.period) * NS)
         if not columns.has(source.field) or stamps.size < 1:
@@ -391,7 +391,7 @@ def read_recording(
     """The joints of a bag (all, or those named) within [start_s, start_s + seconds). `mapping`: file or shipped name.
 
     A recording of more than 20 min at 1 kHz is decimated, with a note. Raises BagError if the bag cannot be read, has
-    no position together with a torque, or lacks a joint that was asked for.
+    no position together with a torque, or not a joint that was asked for.
     """
     source_map = STANDARD if mapping is None else mapping if isinstance(mapping, SourceMap) else load_mapping(mapping)
     with BagReader(path) as bag:
