@@ -123,11 +123,11 @@ class BlackBox:
 def words(cause: Cause, joint_names: Sequence[str]) -> tuple[str, str]:
     """Code and full text of a cause, the traceback of an exception included."""
     if isinstance(cause, Fault):
-        return f"HD-F{cause.code.value:02d}", cause.text(joint_names)
+        return cause.code.number, cause.text(joint_names)
     import traceback
 
     lines: Any = "".join(traceback.format_exception(cause)).strip()
-    return f"HD-F{FaultCode.EXCEPTION.value:02d}", f"{FaultCode.EXCEPTION.text}: {cause!r}\n{lines}"
+    return FaultCode.EXCEPTION.number, FaultCode.EXCEPTION.line(f"{cause!r}\n{lines}")
 
 
 # ----------------------------------------------------------------------------------------------------

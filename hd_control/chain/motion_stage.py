@@ -8,10 +8,9 @@ import numpy as np
 
 from hd_control.chain.stage import OK, Stage
 from hd_control.chain.wiring import MOTION
-from hd_control.core.errors import GoalError
 from hd_control.core.robot import Robot
 from hd_control.laws import motion
-from hd_control.laws.trajectory import Path, SlowMotion, TrajectoryFollower
+from hd_control.laws.trajectory import Path, SlowMotion, TrajectoryFollower, refusal
 
 LOST_TOLERANCE = 0.05
 """rad; a reference further from the joint is no motion any more: the goal is dropped, the reference is set anew."""
@@ -31,7 +30,7 @@ MODES = ("INACTIVE", "ACTIVE", *NOT_READY)
 class MotionStage(Stage):
     """Follows one path, holds the measured position before the first and after a joint has lost its reference.
 
-    `controller_mode` is the worst mode that the torque law has told, "" before the first; any thread may set it. While
+    `controller_mode` is the worst mode that the torque law has reported, "" before the first; any thread may set it. While
     it is DEGRADED the path runs slowly (`slow_motion`) and new goals are refused.
     """
 
@@ -59,8 +58,8 @@ class MotionStage(Stage):
         """Raises GoalError while the torque law is degraded or stopped."""
         remedy = NOT_READY.get(self.controller_mode)
         if remedy is not None:
-            text = f"HD-F22 goal_bad: the torque law is {self.controller_mode}, goals need ACTIVE"
-            raise GoalError("controller_state", f"{text}. {remedy[0].upper()}{remedy[1:]}.")
+            what = f"the torque law is {self.controller_mode}, goals need ACTIVE"
+            raise refusal("controller_state", "", what, f"{remedy[0].upper()}{remedy[1:]}")
 
     def hand_over(self, path: Path) -> None:
         """Gives a checked path to the loop, from any thread; the newest wins."""

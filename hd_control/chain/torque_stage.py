@@ -226,7 +226,7 @@ class TorqueStage(Stage):
                     continue
                 values[name] = " ".join(f"{number:.6g}" for number in self.state.view(name))
         if self.exception is not None:
-            return ERROR, f"{FaultCode.EXCEPTION.text}: {self.exception!r}", values
+            return ERROR, FaultCode.EXCEPTION.line(repr(self.exception)), values
         if self.guard.stopped:
             return ERROR, self.faults.headline(self.joint_names) or "stopped; call reset", values
         return OK, "", values

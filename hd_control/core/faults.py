@@ -8,10 +8,6 @@ from __future__ import annotations
 import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-
-from hd_control.core.resources import config_path
-from hd_control.core.strict_yaml import load_yaml
 
 
 class Action(enum.IntEnum):
@@ -25,31 +21,28 @@ class Action(enum.IntEnum):
 
 
 class FaultCode(enum.IntEnum):
-    """Numbers of the fault table; the text form is HD-F01 and so on."""
+    """Numbers of the fault table; the text form is HD-F01 and so on. A number never gets another meaning: `RESERVED`.
+
+    Faults that compare a number with a limit are made as a `Fault`, see `KINDS`; the others are one line of words,
+    made by `line` where they are found.
+    """
 
     FRAME_LOST = 1
     STAMP_STUCK = 2
     VALUE_FROZEN = 3
     NOT_FINITE = 4
     SPIKE = 5
-    WRAP = 6
     POSITION_DISAGREE = 7
     GAUGE_RAIL = 8
     GAUGE_BRANCH = 9
     GAUGE_DRIFT = 10
-    BUS_OFF = 11
-    SEND_FULL = 12
-    FRAME_BAD = 13
-    FOREIGN_ID = 14
     CLOCK_JUMP = 15
-    SIM_CLOCK = 16
     OVERRUN = 17
     NODE_KILLED = 18
     NODE_BACK = 19
     PARAM_BAD = 20
     PARAM_MOVING = 21
     GOAL_BAD = 22
-    GOAL_SILENT = 23
     TWO_PUBLISHERS = 24
     MODEL_MISMATCH = 25
     YAML_BAD = 26
@@ -58,11 +51,8 @@ class FaultCode(enum.IntEnum):
     BAG_HUGE = 29
     DISK_FULL = 30
     RECORDER_SLOW = 31
-    WEB_HOSTILE = 32
     EXCEPTION = 33
     ADAPTATION = 34
-    CONTACT = 35
-    OVERFLOW = 36
     TORQUE_LIMITED = 37
     RATE_LIMITED = 38
     RATE_PERSISTENT = 39
@@ -72,9 +62,30 @@ class FaultCode(enum.IntEnum):
     OVERSPEED = 43
 
     @property
+    def number(self) -> str:
+        """`HD-F07`."""
+        return f"HD-F{self.value:02d}"
+
+    @property
     def text(self) -> str:
         """Code and name as people read them, `HD-F07 position_disagree`."""
-        return f"HD-F{self.value:02d} {self.name.lower()}"
+        return f"{self.number} {self.name.lower()}"
+
+    def line(self, what: str, where: str = "") -> str:
+        """`HD-F22 goal_bad joint_3: what`: code, place (joint, node, file; may be empty) and finding in one line."""
+        return f"{self.text}{' ' + where if where else ''}: {what}"
+
+
+RESERVED: dict[int, str] = {
+    6: "a counter that wraps, which is unwrapped and no fault",
+    **dict.fromkeys((11, 12, 13, 14), "a CAN bridge"),
+    16: "a simulated clock, which no node reads",
+    23: "streams of goals",
+    32: "requests to a web page",
+    35: "contact of the arm",
+    36: "a tick beyond 2^53, which is HD-F02",
+}
+"""Numbers without a fault in this version, and what each is kept for."""
 
 
 @dataclass(frozen=True)
@@ -97,12 +108,11 @@ KINDS: dict[FaultCode, FaultKind] = {
     ),
     FaultCode.NOT_FINITE: FaultKind("number", "against", "", "Look at the recorded inputs"),
     FaultCode.SPIKE: FaultKind("reading - prediction", "outside +-", "", "Check shielding and connector of the sensor"),
-    FaultCode.WRAP: FaultKind("unwrapped step", "outside +-", "rad", "Check encoder_period and resolver_period"),
     FaultCode.POSITION_DISAGREE: FaultKind(
         "motor - joint position", "outside +-", "rad", "Check joint-sensor coupling and offsets"
     ),
     FaultCode.GAUGE_RAIL: FaultKind(
-        "gauge reading", "outside +-", "N m", "Check the load, the bridge and its amplifier"
+        "gauge reading", "at the rail of +-", "N m", "Check the load, the bridge and its amplifier"
     ),
     FaultCode.GAUGE_BRANCH: FaultKind(
         "bridge branch open? 2 beta amplitude", ">", "N m", "Check the wires of the strain-gauge bridge"
@@ -110,45 +120,19 @@ KINDS: dict[FaultCode, FaultKind] = {
     FaultCode.GAUGE_DRIFT: FaultKind(
         "mean residual of the three sensors", "outside +-", "N m", "Calibrate the gauge again at a known load"
     ),
-    FaultCode.BUS_OFF: FaultKind(
-        "error counter", ">=", "", "Check bus wiring and termination, then restart the bridge by hand"
-    ),
-    FaultCode.SEND_FULL: FaultKind(
-        "commands dropped in a row", ">=", "", "Check that the bus is powered and not overloaded"
-    ),
-    FaultCode.FRAME_BAD: FaultKind("bad frames in a row", ">=", "", "Check wiring, ids and counters on the bus"),
-    FaultCode.FOREIGN_ID: FaultKind("counter of the frame", "!=", "", "Remove the second sender of this id"),
     FaultCode.CLOCK_JUMP: FaultKind(
         "jump of the system clock",
         "outside +-",
         "s",
-        "Nothing to do: control does not use that clock; mind the stamps of other programs",
+        "Control does not use that clock; mind the stamps of other programs",
     ),
-    FaultCode.SIM_CLOCK: FaultKind("tick", "<=", "", "Start the simulated clock again; outputs hold meanwhile"),
-    FaultCode.OVERRUN: FaultKind("late ticks in a row", ">=", "samples", "Lower the load of this computer"),
+    FaultCode.OVERRUN: FaultKind("late and skipped ticks", ">", "", "Lower the load of this computer"),
     FaultCode.NODE_KILLED: FaultKind("input age", ">=", "samples", "Check that the sending node lives"),
-    FaultCode.NODE_BACK: FaultKind("run ids seen", ">", "", "Check why the sending node restarted"),
-    FaultCode.PARAM_BAD: FaultKind("value", "against", "", "Use a value that the rule in the text allows"),
-    FaultCode.PARAM_MOVING: FaultKind("active", "!=", "", "Deactivate the node first: this parameter needs INACTIVE"),
-    FaultCode.GOAL_BAD: FaultKind("value", "against", "", "Change the goal as the text says"),
-    FaultCode.GOAL_SILENT: FaultKind("goal age", ">=", "samples", "Check the sender of the goals"),
-    FaultCode.TWO_PUBLISHERS: FaultKind("publishers", ">", "", "Stop the second source of commands"),
-    FaultCode.MODEL_MISMATCH: FaultKind("differences", ">", "", "Make robot description and parameters agree"),
-    FaultCode.YAML_BAD: FaultKind("line", "against", "", "Repair the named line and key"),
-    FaultCode.BAG_DAMAGED: FaultKind("records kept", "<", "", "Run hd recover; the original stays as it is"),
-    FaultCode.BAG_FOREIGN: FaultKind("topics skipped", ">", "", "Map the topics, see docs/signals.md"),
-    FaultCode.BAG_HUGE: FaultKind("size", ">", "bytes", "Read a part of the bag"),
-    FaultCode.DISK_FULL: FaultKind("bytes left", "<", "bytes", "Free space, then start the recorder again"),
-    FaultCode.RECORDER_SLOW: FaultKind("messages dropped", ">", "", "Record fewer topics or use a faster disk"),
-    FaultCode.WEB_HOSTILE: FaultKind(
-        "requests refused", ">", "", "Close other pages; start the workbench again for a new token"
-    ),
-    FaultCode.EXCEPTION: FaultKind("exceptions", ">", "", "Report the recorded traceback"),
+    FaultCode.NODE_BACK: FaultKind("messages of another run id", ">", "", "Check why the sending node restarted"),
+    FaultCode.TWO_PUBLISHERS: FaultKind("publishers", ">", "", "Stop the second source of this topic"),
     FaultCode.ADAPTATION: FaultKind(
         "tracking error over the one at the bound", ">", "", "Check the bounds and the model of the joint"
     ),
-    FaultCode.CONTACT: FaultKind("disturbing torque", "outside +-", "N m", "Look what the arm has touched"),
-    FaultCode.OVERFLOW: FaultKind("tick", ">", "", "Activate the node again"),
     FaultCode.TORQUE_LIMITED: FaultKind("motor torque", "outside +-", "N m", "Lower gains or the speed of the motion"),
     FaultCode.RATE_LIMITED: FaultKind(
         "motor torque change", "outside +-", "N m", "Lower gains or check motor_torque_rate_limit"
@@ -163,16 +147,17 @@ KINDS: dict[FaultCode, FaultKind] = {
     FaultCode.LET_GO: FaultKind(
         "zero commands in a row while the joint moves", ">=", "samples", "Look why the controller let the joint go"
     ),
-    FaultCode.OVERSPEED: FaultKind("joint velocity", "outside +-", "rad/s", "Look at the command and at the sensors"),
     FaultCode.STOP_LEFT: FaultKind(
         "velocity in a controlled stop", "outside +-", "rad/s", "Look for a load or a sensor that does not fit"
     ),
+    FaultCode.OVERSPEED: FaultKind("joint velocity", "outside +-", "rad/s", "Look at the command and at the sensors"),
 }
+"""The faults that compare a number with a limit."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One finding of one sample. `joint` is an index, -1 if the fault belongs to no joint."""
+    """One finding of one sample. `code` is one of `KINDS`; `joint` is an index, -1 if the fault belongs to no joint."""
 
     code: FaultCode
     joint: int
@@ -183,67 +168,17 @@ class Fault:
     def text(self, joint_names: Sequence[str] = ()) -> str:
         """Code, joint, value, limit and remedy in one line."""
         kind = KINDS[self.code]
-        where = "" if self.joint < 0 else f" joint_{self.joint + 1}"
+        where = "" if self.joint < 0 else f"joint_{self.joint + 1}"
         if 0 <= self.joint < len(joint_names):
-            where = f" {joint_names[self.joint]}"
+            where = joint_names[self.joint]
         unit = f" {kind.unit}" if kind.unit else ""
         seen = f"{kind.quantity} {self.value:.6g}{unit} {kind.relation} {self.limit:.6g}{unit}"
         if self.code is FaultCode.NOT_FINITE:
             seen = f"{kind.quantity} {self.value:g} is not a finite number"
         after = "; then call reset" if self.action >= Action.CONTROLLED_STOP else ""
-        return f"{self.code.text}{where}: {seen}. {kind.remedy}{after}."
+        return self.code.line(f"{seen}. {kind.remedy}{after}.", where)
 
 
 def strongest(faults: Sequence[Fault]) -> Action:
     """The action that a list of faults demands; REFUSE, the weakest, for an empty list."""
     return max((fault.action for fault in faults), default=Action.REFUSE)
-
-
-# ----------------------------------------------------------------------------------------------------
-# What is known of every fault besides its numbers: how it is found, what happens, where it is tested.
-#
-# The entries are in config/fault_pages.yaml; docs/faults.md is made of them.
-#
-# State: `built` works in this version, `elsewhere` names the part that answers for it, `open` is not built yet.
-
-
-@dataclass(frozen=True)
-class FaultPage:
-    """One entry of the manual. `samples`: from the onset until the action starts, at most."""
-
-    meaning: str
-    found_by: str
-    samples: str
-    action: str
-    state: str
-    test: str
-
-
-@lru_cache
-def pages() -> dict[FaultCode, FaultPage]:
-    """The entry of every fault. Raises ConfigError for a malformed file, KeyError for a fault without an entry."""
-    found = load_yaml(config_path("fault_pages.yaml"))
-    return {code: FaultPage(**found[code.name.lower()]) for code in FaultCode}
-
-
-def manual() -> str:
-    """docs/faults.md: one section per fault, from this table and the texts of `faults.py`."""
-    lines = [
-        "# Faults",
-        "",
-        "Made from `config/fault_pages.yaml` by `python -m hd_control.core.faults > docs/faults.md`. Every",
-        "fault has a code, an action, a text with value, limit and remedy, and a test. What is not built yet says so.",
-        "Actions and goals: docs/safety.md. This is not a certified safety function.",
-    ]
-    for code, page in pages().items():
-        kind = KINDS[code]
-        unit = f", {kind.unit}" if kind.unit else ""
-        lines += ["", f"## {code.text}", "", f"{page.meaning[0].upper()}{page.meaning[1:]}.", ""]
-        lines += [f"- found by: {page.found_by}", f"- compared: {kind.quantity} {kind.relation} limit{unit}"]
-        lines += [f"- samples until the action: {page.samples}", f"- action: {page.action}"]
-        lines += [f"- what to do: {kind.remedy}", f"- state: {page.state}", f"- test: {page.test}"]
-    return "\n".join(lines) + "\n"
-
-
-if __name__ == "__main__":
-    print(manual(), end="")

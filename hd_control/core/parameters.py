@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hd_control.core.errors import ConfigError
+from hd_control.core.faults import FaultCode
 from hd_control.core.strict_yaml import parse_yaml
 
 
@@ -130,7 +131,8 @@ class ParameterSet:
         known = list(values["joint_names"])
         missing = [name for name in joint_names if name not in known]
         if missing:
-            raise ConfigError(f"{self.owner}: no values for {missing[0]}; joint_names has {', '.join(known)}")
+            what = f"no values for {missing[0]}; joint_names has {', '.join(known)}"
+            raise ConfigError(FaultCode.MODEL_MISMATCH.line(what, self.owner))
         rows = [known.index(name) for name in joint_names]
         per_joint = {p.name for p in self.parameters if p.shape is Shape.PER_JOINT}
         return {k: [v[row] for row in rows] if k in per_joint else v for k, v in values.items()} | {
@@ -159,7 +161,16 @@ class ParameterSet:
         """Raises ConfigError that lists every problem of the whole set; changes nothing."""
         found = self.problems(values, joints)
         if found:
-            raise ConfigError((f"{where}: " if where else f"{self.owner}: ") + "; ".join(found))
+            raise ConfigError(FaultCode.PARAM_BAD.line("; ".join(found), where or self.owner))
+
+    def refusal(self, before: Mapping[str, Any], after: Mapping[str, Any], joints: int, active: bool) -> str:
+        """Why a change of values is refused, in one line; empty if it may be made. `active`: the law runs."""
+        if found := self.problems(after, joints):
+            return FaultCode.PARAM_BAD.line("; ".join(found), self.owner)
+        changed = [p.name for p in self.parameters if after[p.name] != before[p.name]] if active else []
+        still = [name for name in changed if self[name].change is not Change.HOT]
+        found = [f"{name}: {before[name]!r} stays, a change needs INACTIVE" for name in still]
+        return FaultCode.PARAM_MOVING.line("; ".join(found), self.owner) if found else ""
 
 
 # ----------------------------------------------------------------------------------------------------

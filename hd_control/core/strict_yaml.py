@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from hd_control.core.errors import ConfigError
+from hd_control.core.faults import FaultCode
 
 MAX_BYTES, MAX_DEPTH, MAX_NODES = 1_000_000, 20, 50_000
 MAX_DIGITS = 19
@@ -33,6 +34,11 @@ class Lines(dict[str, Any]):
         self.lines: dict[str, int] = {}
 
 
+def malformed(where: str, why: str) -> ConfigError:
+    """The error of a file that is not what it should be; `where` names file, line and key."""
+    return ConfigError(FaultCode.YAML_BAD.line(why, where))
+
+
 def load_yaml(path: str | Path) -> Any:
     """The content of one YAML file as dicts, lists, numbers, text, booleans and None.
 
@@ -44,7 +50,7 @@ def load_yaml(path: str | Path) -> Any:
     except OSError as error:
         raise ConfigError(f"{path}: cannot read ({error.strerror})") from None
     if len(data) > MAX_BYTES:
-        raise ConfigError(f"{path}: larger than {MAX_BYTES} bytes")
+        raise malformed(str(path), f"larger than {MAX_BYTES} bytes")
     return parse_yaml(data, str(path))
 
 
@@ -55,13 +61,13 @@ def parse_yaml(data: bytes | str, where: str = "<text>") -> Any:
     try:
         text = data if isinstance(data, str) else data.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{where}: not UTF-8 text (byte {error.start})") from None
+        raise malformed(where, f"not UTF-8 text (byte {error.start})") from None
     try:
         return _Composer(yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)), where).document()
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f", line {mark.line + 1}" if mark else ""
-        raise ConfigError(f"{where}{line}: {getattr(error, 'problem', None) or 'not YAML'}") from None
+        raise malformed(f"{where}{line}", getattr(error, "problem", None) or "not YAML") from None
 
 
 class _Composer:
@@ -138,7 +144,7 @@ class _Composer:
 
     def refuse(self, event: Any, why: str, key: str = "") -> None:
         at = f" ({key})" if key else ""
-        raise ConfigError(f"{self.where}, line {event.start_mark.line + 1}{at}: {why}")
+        raise malformed(f"{self.where}, line {event.start_mark.line + 1}{at}", why)
 
 
 def expect_keys(
@@ -146,7 +152,7 @@ def expect_keys(
 ) -> Mapping[str, Any]:
     """The mapping itself if it has all required and no unknown keys; else ConfigError naming line and nearest key."""
     if not isinstance(table, Mapping):
-        raise ConfigError(f"{where}: expected a mapping, got {table!r:.60}")
+        raise malformed(where, f"expected a mapping, got {table!r:.60}")
     known = [*required, *optional]
     lines = getattr(table, "lines", {})
     problems = [f"missing key {key!r}" for key in required if key not in table]
@@ -156,7 +162,7 @@ def expect_keys(
             line = f"line {lines[key]}: " if key in lines else ""
             problems.append(f"{line}unknown key {key!r}" + (f", did you mean {near[0]!r}?" if near else ""))
     if problems:
-        raise ConfigError(f"{where}: " + "; ".join(problems))
+        raise malformed(where, "; ".join(problems))
     return table
 
 
@@ -171,7 +177,7 @@ def load_params_file(path: str | Path, node: str) -> dict[str, Any]:
 def params_of(document: Any, path: str, node: str) -> dict[str, Any]:
     """As `load_params_file`, from a document that is read already; `path` for the messages."""
     if not isinstance(document, Mapping):
-        raise ConfigError(f"{path}: not a params file; expected '/**:' with 'ros__parameters:' below it")
+        raise malformed(path, "not a params file; expected '/**:' with 'ros__parameters:' below it")
     found: dict[str, Any] = {}
     sections = ["/**", f"/**/{node}", f"/{node}", node]
     for name in sections:
@@ -179,7 +185,7 @@ def params_of(document: Any, path: str, node: str) -> dict[str, Any]:
             section = expect_keys(document[name], f"{path}: {name}", ["ros__parameters"])
             found.update(_flat(section["ros__parameters"] or {}, ""))
     if not any(name in document for name in sections):
-        raise ConfigError(f"{path}: no section for {node}; there is {', '.join(map(str, document))}; use '/**:'")
+        raise malformed(path, f"no section for {node}; there is {', '.join(map(str, document))}; use '/**:'")
     return found
 
 

@@ -21,10 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hd_control.core.arrays import FloatArray
-from hd_control.core.errors import GoalError
 from hd_control.core.robot import Robot
 from hd_control.laws.motion import in_robot_order, rigid_torque
-from hd_control.laws.trajectory import GOAL_BAD, Goal, Path, TrajectoryFollower
+from hd_control.laws.trajectory import Goal, Path, TrajectoryFollower, refusal
 
 # ----------------------------------------------------------------------------------------------------
 # The form of a goal: sizes, joint names, array lengths, finite numbers, times. A refusal is one GoalError.
@@ -32,11 +31,6 @@ from hd_control.laws.trajectory import GOAL_BAD, Goal, Path, TrajectoryFollower
 
 MAX_POINTS, MAX_DURATION, MAX_BYTES = 10_000, 3600.0, 4_000_000
 """Points; s; bytes of numbers."""
-
-
-def refusal(code: str, joint: str, what: str, remedy: str) -> GoalError:
-    """The error with its text, `HD-F22 goal_bad joint_3: what. remedy.`; `joint` may be empty."""
-    return GoalError(code, f"{GOAL_BAD} {joint + ': ' if joint else ''}{what}. {remedy}.")
 
 
 def goal_from_points(

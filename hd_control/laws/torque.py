@@ -6,7 +6,7 @@
 - `integral_manifold`: Gandhi and Ghorbel (26), control/integral_manifold.py; follows the wanted position itself.
 
 `configure` picks the joints named by `joints` out of the lists of all joints; one joint alone computes the same bits as
-among seven. The kind of the parameter block tells `step` which law it belongs to.
+among seven. The kind of the parameter block says to `step` which law it belongs to.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import numpy as np
 from hd_control import _laws
 from hd_control.core.blocks import Block, Layout, layout_of
 from hd_control.core.errors import ConfigError
+from hd_control.core.faults import FaultCode
 from hd_control.core.parameters import ParameterSet
 from hd_control.laws import integral_manifold, torque_adaptive, torque_feedback
 from hd_control.laws.torque_adaptive import COMPLIANCE_DERIVATIVES, HARMONICS, LAWS, RATE_SOURCES, warnings
@@ -77,7 +78,8 @@ def configure(values: Mapping[str, Any], robot: NamedJoints | None, dt: float) -
     strangers = [name for name in own["joint_names"] if robot is not None and name not in robot.joint_names]
     if robot is not None and strangers:
         known = ", ".join(robot.joint_names)
-        raise ConfigError(f"{PARAMETERS.owner}: the robot has no joint {strangers[0]}; it has {known}")
+        what = f"the robot has no joint {strangers[0]}; it has {known}"
+        raise ConfigError(FaultCode.MODEL_MISMATCH.line(what, PARAMETERS.owner))
     names = selected_joints(own)
     chosen = PARAMETERS.select(own, names)
     if own["law"] in _OTHER_LAWS:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from hd_control import _laws
 from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import GoalError
+from hd_control.core.faults import FaultCode
 
 # ----------------------------------------------------------------------------------------------------
 # Paths: splines of all joints over ticks, made from a goal and the present reference. Pure functions.
@@ -23,7 +24,9 @@ from hd_control.core.errors import GoalError
 # accelerations by quintics. Knots count samples, so points that fall on a tick are met exactly.
 
 
-GOAL_BAD = "HD-F22 goal_bad"
+def refusal(code: str, joint: str, what: str, remedy: str) -> GoalError:
+    """The error with its text, `HD-F22 goal_bad joint_3: what. remedy.`; `joint` may be empty."""
+    return GoalError(code, FaultCode.GOAL_BAD.line(f"{what}. {remedy}.", joint))
 
 
 @dataclass(frozen=True)
@@ -146,9 +149,9 @@ def in_robot_order(
     names, known = list(goal.joint_names), list(joint_names)
     for name in names:
         if name not in known:
-            raise GoalError("joint_unknown", f"{GOAL_BAD} {name}: unknown joint. Use some of {', '.join(known)}.")
+            raise refusal("joint_unknown", name, "unknown joint", f"Use some of {', '.join(known)}")
         if names.count(name) > 1:
-            raise GoalError("joint_repeated", f"{GOAL_BAD} {name}: named {names.count(name)} times. Name it once.")
+            raise refusal("joint_repeated", name, f"named {names.count(name)} times", "Name it once")
     columns = [known.index(name) for name in names]
 
     def table(values: FloatArray, filler: FloatArray) -> FloatArray:

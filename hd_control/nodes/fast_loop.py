@@ -180,7 +180,7 @@ class RawInput:
             JointState, topic, lambda _: None, chain_qos(depth), callback_group=group, raw=True
         )
         self._take = self.subscription.handle.take_message
-        self.foreign = 0
+        self.foreign = self.unreadable = 0
 
     def take(self) -> bytes | None:
         """The oldest message waiting, or None."""
@@ -355,6 +355,7 @@ class JoinedTurn:
     def _unusual(self, join: _messages.Join, index: int, raw: RawInput, data: bytes, outcome: int) -> None:
         if outcome == OTHER_LAYOUT:
             translated = raw.translated(data)
+            raw.unreadable += translated is None
             outcome = FOREIGN if translated is None else join.offer(index, translated)
             if outcome == COMPLETE:
                 self._act(join)

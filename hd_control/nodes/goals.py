@@ -25,7 +25,7 @@ from hd_control.laws.goals import (
     Tolerances,
     check_goal,
 )
-from hd_control.laws.trajectory import Goal, Path, braking_path
+from hd_control.laws.trajectory import Goal, Path, braking_path, refusal
 from hd_control.nodes.convert import goal_from_message, stamp_ns
 from hd_control.nodes.fast_loop import chain_qos, latched_qos
 from hd_control.nodes.shell import Shell
@@ -67,9 +67,7 @@ class GoalService:
         """The path that is now followed. Raises GoalError; nothing has changed then."""
         stage = self._stage
         if not self._node.active or stage.follower is None:
-            raise GoalError(
-                "not_active", "HD-F22 goal_bad: the motion law does not run. Activate it and start the plant."
-            )
+            raise refusal("not_active", "", "the motion law does not run", "Activate it and start the plant")
         stage.refuse_unless_ready()
         limits = GoalLimits.from_values(self._values(), self._node.robot)
         for lead in LEADS if goal.start_tick is None else (0,):
@@ -79,7 +77,7 @@ class GoalService:
             if path.start_tick > stage.tick:
                 stage.hand_over(path)
                 return path
-        raise GoalError("start_stamp", "HD-F22 goal_bad: the start passed during the check. Give a later start.")
+        raise refusal("start_stamp", "", "the start passed during the check", "Give a later start")
 
     def brake(self) -> None:
         """Brings the reference to rest within the acceleration limits; drops every goal."""
@@ -223,10 +221,10 @@ def _tolerances(given: Sequence[Any], names: Sequence[str]) -> Tolerances:
     found = Tolerances.none(len(names))
     for one in given:
         if one.name not in names:
-            raise GoalError("joint_unknown", f"HD-F22 goal_bad {one.name}: tolerance of an unknown joint. Use {names}.")
+            raise refusal("joint_unknown", one.name, "tolerance of an unknown joint", f"Use {names}")
         row = list(names).index(one.name)
         for values, value in ((found.position, one.position), (found.velocity, one.velocity)):
             if not np.isfinite(value) or (value < 0.0 and value != UNLIMITED):
-                raise GoalError("tolerance", f"HD-F22 goal_bad {one.name}: tolerance {value}. Give a positive number.")
+                raise refusal("tolerance", one.name, f"tolerance {value}", "Give a positive number")
             values[row] = value if value > 0.0 else np.inf
     return found

@@ -28,7 +28,7 @@ from hd_control.record.recorder import Recorder
 from hd_control.record.writer import BagWriter
 
 # ----------------------------------------------------------------------------------------------------
-# The recorder's fast loop: takes serialised messages of every topic, writes them, tells its progress.
+# The recorder's fast loop: takes serialised messages of every topic, writes them, reports its progress.
 
 
 BATCH_NS = 5_000_000
@@ -80,7 +80,7 @@ class RecorderTurn:
             progress,
         )
         self.recorder: Recorder | None = None
-        self._told = -1
+        self._reported = -1
         self._newest_ns = {topic.path: -1 for topic in self._topics if topic.name in NEEDED}
         self._announce_at: int | None = None
         self._announced = False
@@ -114,13 +114,13 @@ class RecorderTurn:
         recorder.tend(now)
         if not self._announced:
             self._announce(now)
-        elif (slowest := min(self._newest_ns.values())) > self._told:
-            self._told = slowest
+        elif (slowest := min(self._newest_ns.values())) > self._reported:
+            self._reported = slowest
             self._progress((slowest + self._half) // self._dt_ns)
         return taken_count
 
     def _announce(self, now: int) -> None:
-        """Tells `0` once a plant and a torque node are seen: a lock-step plant that wants no loss waits for this."""
+        """Reports `0` once a plant and a torque node are seen: a lock-step plant that wants no loss waits for this."""
         ready = all(topic.subscription.handle.get_publisher_count() for topic in self._topics if topic.name in NEEDED)
         if not ready:
             self._announce_at = None
@@ -134,7 +134,7 @@ class RecorderTurn:
             self._progress(0)
 
     def _note(self, path: str, data: bytes) -> None:
-        """The newest stamp of each topic. What is told is the slowest: a topic ahead says nothing of the others."""
+        """The newest stamp of each topic. What is reported is the slowest: a topic ahead says nothing of the others."""
         seconds, nanoseconds = int.from_bytes(data[4:8], "little"), int.from_bytes(data[8:12], "little")
         self._newest_ns[path] = max(self._newest_ns.get(path, -1), seconds * 1_000_000_000 + nanoseconds)
 
@@ -239,7 +239,8 @@ class RecorderNode(Shell):
             return ERROR, recorder.failure, values
         if recorder.warning:
             return WARN, recorder.warning, values
-        return (WARN, f"samples lost on {', '.join(dropped)}", values) if dropped else (OK, "recording", values)
+        losses = recorder.losses()
+        return (WARN, losses, values) if losses else (OK, "recording", values)
 
     def _notes(self) -> dict[str, str]:
         pairs = (text.partition("=") for text in self.values["notes"] if text)

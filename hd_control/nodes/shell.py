@@ -24,6 +24,7 @@ from std_msgs.msg import String
 from hd_control.chain.chain import COMMON, for_joints, shipped_values
 from hd_control.core.clock_watch import ClockWatch
 from hd_control.core.errors import ConfigError, HdError
+from hd_control.core.faults import Action, Fault, FaultCode
 from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
 from hd_control.core.robot import Robot
 from hd_control.nodes.fast_loop import FastLoop, HandsOff, chain_qos, latched_qos
@@ -128,7 +129,7 @@ class ParameterService:
             if not found:
                 self._node.declare_parameter(parameter.name, value, descriptor(parameter), ignore_override=True)
         if problems:
-            raise ConfigError(f"{self._node.get_name()}: " + "; ".join(problems))
+            raise ConfigError(FaultCode.PARAM_BAD.line("; ".join(problems), self._node.get_name()))
 
     def _to_declared_type(self, changes: list[RosParameter]) -> list[RosParameter]:
         return [
@@ -145,19 +146,15 @@ class ParameterService:
         values = self.values()
         before = dict(values)
         values.update({change.name: plain(self._set[change.name], change.value) for change in own})
-        changed = [name for name in values if values[name] != before[name]]
-        problems = self._set.problems(values, self._joints)
-        if not problems and self._is_active():
-            still = [name for name in changed if self._set[name].change is not Change.HOT]
-            problems = [f"{name}: {before[name]!r} stays, a change needs INACTIVE" for name in still]
-        if not problems:
+        refusal = self._set.refusal(before, values, self._joints, self._is_active())
+        if not refusal:
             try:
                 self._pending = (values, self._prepare(values))
             except HdError as error:
-                problems = [str(error)]
-        if problems:
-            self._pending, self.refusals, self.last_refusal = None, self.refusals + 1, "; ".join(problems)
-            return SetParametersResult(successful=False, reason=self.last_refusal)
+                refusal = FaultCode.PARAM_BAD.line(str(error), self._set.owner)
+        if refusal:
+            self._pending, self.refusals, self.last_refusal = None, self.refusals + 1, refusal
+            return SetParametersResult(successful=False, reason=refusal)
         return SetParametersResult(successful=True)
 
     def _take_over(self, changes: list[RosParameter]) -> None:
@@ -304,7 +301,7 @@ class Shell(LifecycleNode):
     def report_fault(self, error: BaseException) -> None:
         """Keeps the first fault for the diagnostics and the exit code, and stops the outputs."""
         if not self.fault:
-            self.fault = f"{type(error).__name__}: {error}"
+            self.fault = FaultCode.EXCEPTION.line(f"{type(error).__name__}: {error}")
             self.get_logger().error("".join(traceback.format_exception(error)))
         self.emergency(error)
 
@@ -336,6 +333,24 @@ class Shell(LifecycleNode):
         self.adopt(prepared)
         if self.introspection is not None:
             self.introspection.on = values["introspection"]
+
+
+def foreign_report(node: Node, dropped: Mapping[str, int]) -> dict[str, str]:
+    """For diagnostics: who may have sent the messages of another run id, by fault. `dropped`: their number by topic.
+
+    The run id of a message shows that there is another source, the graph whether there are two, or one that came back.
+    """
+    found: dict[str, list[str]] = {}
+    for topic, count in dropped.items():
+        if count > 0:
+            ends = node.get_publishers_info_by_topic(topic)
+            names = sorted(f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in ends)
+            fault = Fault(FaultCode.NODE_BACK, -1, count, 0.0, Action.REPORT)
+            if len(names) > 1:
+                fault = Fault(FaultCode.TWO_PUBLISHERS, -1, len(names), 1.0, Action.REPORT)
+            there = f"{'there are' if len(names) > 1 else 'there is'} {', '.join(names) or 'none'}"
+            found.setdefault(fault.code.name.lower(), []).append(f"{fault.text()} On {topic} {there}; {count} dropped.")
+    return {name: " ".join(texts) for name, texts in found.items()}
 
 
 def _text(value: Any) -> str:

@@ -13,7 +13,7 @@ from hd_control.core import topics
 from hd_control.core.arrays import FloatArray
 from hd_control.core.parameters import ParameterSet
 from hd_control.nodes.fast_loop import JoinedTurn, RawInput, TemperatureInput, chain_qos, make_message, wait_matched
-from hd_control.nodes.shell import OK, Introspection, Shell
+from hd_control.nodes.shell import OK, Introspection, Shell, foreign_report
 from hd_control.record.schema import joint_state_codec
 
 
@@ -174,6 +174,9 @@ class StageShell(Shell):
         if self._turn is not None:
             self._turn.statistics.foreign = sum(raw.foreign for raw in self.inputs)
             values |= self._turn.statistics.summary()
+            values |= foreign_report(
+                self, {raw.subscription.topic_name: raw.foreign - raw.unreadable for raw in self.inputs}
+            )
         level, texts = OK, []
         for stage in self.stages:
             stage_level, text, found = stage.report()

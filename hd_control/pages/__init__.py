@@ -1,1 +1,1 @@
-"""Pages of `docs/reference` that are made from the code, so that they cannot grow old: commands, nodes, glossary."""
+"""Pages of `docs` that are made from the code, so that they cannot grow old: faults, commands, nodes, glossary."""

@@ -1,4 +1,4 @@
-"""`python -m hd_control.pages [FOLDER]`: writes the generated pages, by default into `docs/reference`."""
+"""`python -m hd_control.pages [FOLDER]`: writes the generated pages, by default into `docs`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from hd_control.core.files import write_whole
 from hd_control.pages.pages import PAGES
 
-FOLDER = Path(__file__).resolve().parents[2] / "docs" / "reference"
+FOLDER = Path(__file__).resolve().parents[2] / "docs"
 
 
 def main() -> None:
@@ -16,8 +16,8 @@ def main() -> None:
     if len(sys.argv) > 2 or any(word.startswith("-") for word in sys.argv[1:]):
         sys.exit("usage: python -m hd_control.pages [FOLDER]")
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
-    folder.mkdir(parents=True, exist_ok=True)
     for name, make in PAGES.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
         write_whole(folder / name, make())
 
 

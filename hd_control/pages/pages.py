@@ -1,4 +1,4 @@
-"""The generated pages by file name."""
+"""The generated pages by path."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from hd_control.drive.effect import Effect, EffectParameter
 from hd_control.drive.library import library
 from hd_control.lab.signals.joint_signals import SIGNALS
 from hd_control.laws import fusion, integral_manifold, motion, torque, torque_feedback
+from hd_control.pages.fault_page import fault_page
 from hd_control.pages.node_facts import Interface, NodeFacts, node_facts
 from hd_control.safety import limits
 
@@ -275,7 +276,7 @@ def _effect(effect: type[Effect]) -> Iterator[list[str]]:
     yield ["```text", *text.splitlines(), "```"]
     yield [f"In the residual: {effect.evidence}."]
     yield table(["parameter", "unit", "range", "meaning"], map(_parameter, effect.parameters))
-    yield [f"- not told from {code(one.effect)} unless: {one.experiment}" for one in effect.confusions]
+    yield [f"- can be confused with {code(one.effect)}; separated by: {one.experiment}" for one in effect.confusions]
 
 
 def _parameter(parameter: EffectParameter) -> list[str]:
@@ -285,7 +286,7 @@ def _parameter(parameter: EffectParameter) -> list[str]:
 
 
 # ----------------------------------------------------------------------------------------------------
-# `docs/reference/nodes.md`: parameters, topics and services of every node, as the running nodes tell them.
+# `docs/reference/nodes.md`: parameters, topics and services of every node, as the running nodes declare them.
 
 
 WHEN = {Change.HOT: "live", Change.INACTIVE: "INACTIVE", Change.FIXED: "fixed"}
@@ -450,9 +451,11 @@ def _nodes() -> str:
 
 
 PAGES: dict[str, Callable[[], str]] = {
-    "commands.md": command_page,
-    "nodes.md": _nodes,
-    "effects.md": effect_page,
-    "glossary.md": glossary_page,
-    "bench.md": bench_page,
+    "faults.md": fault_page,
+    "reference/commands.md": command_page,
+    "reference/nodes.md": _nodes,
+    "reference/effects.md": effect_page,
+    "reference/glossary.md": glossary_page,
+    "reference/bench.md": bench_page,
 }
+"""By path below `docs`."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hd_control import _records
 from hd_control.core.arrays import IntArray
+from hd_control.core.faults import FaultCode
 from hd_control.record.cdr import Buffer
 
 # ----------------------------------------------------------------------------------------------------
@@ -23,16 +24,29 @@ EXPANSION_CAP = 1000
 
 @dataclass(frozen=True)
 class Problem:
-    """One finding. `loses_data` is False for notices: nothing is known to be missing because of it."""
+    """One finding. `loses_data` is False for notices: nothing is known to be missing because of it.
+
+    `code` is the fault that it is unless it is a notice.
+    """
 
     text: str
     file: str = ""
     offset: int = -1
     loses_data: bool = True
+    code: FaultCode = FaultCode.BAG_DAMAGED
+
+    @property
+    def place(self) -> str:
+        """File and byte; empty if it belongs to no file."""
+        return f"{self.file} at byte {self.offset}" if self.file and self.offset >= 0 else self.file
+
+    @property
+    def finding(self) -> str:
+        """Place and text."""
+        return f"{self.place}: {self.text}" if self.place else self.text
 
     def __str__(self) -> str:
-        place = f" at byte {self.offset}" if self.offset >= 0 else ""
-        return f"{self.file}{place}: {self.text}" if self.file else self.text
+        return self.code.line(self.text, self.place) if self.loses_data else self.finding
 
 
 # ----------------------------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from hd_control.core.errors import BagError
+from hd_control.core.faults import FaultCode
 from hd_control.record.block import Block, Problem
 
 BLOCK_MESSAGES = 1 << 14
@@ -37,7 +38,8 @@ class Db3Source:
             raise BagError(f"{path}: cannot be read as a bag ({_text(error)}); copy it anew") from None
         described = [c for c in connections if isinstance(c.topic, str) and isinstance(c.msgtype, str)]
         if len(described) < len(connections):
-            self.problems.append(Problem(f"{len(connections) - len(described)} topics have no name or type", path.name))
+            text = f"{len(connections) - len(described)} topics have no name or type"
+            self.problems.append(Problem(text, path.name, code=FaultCode.BAG_FOREIGN))
         self._connections = {connection.id: connection for connection in described}
         self.topics = {number: connection.topic for number, connection in self._connections.items()}
         self.types = {number: connection.msgtype for number, connection in self._connections.items()}

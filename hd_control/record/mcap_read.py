@@ -25,6 +25,7 @@ from mcap.opcode import Opcode
 from hd_control import _records
 from hd_control.core.arrays import IntArray
 from hd_control.core.errors import BagError
+from hd_control.core.faults import FaultCode
 from hd_control.record.block import EXPANSION_CAP, RECORD_CAP, Block, Problem, scan_some, scanned_block, scans
 from hd_control.record.cdr import Buffer
 from hd_control.record.mcap_write import MAGIC
@@ -37,7 +38,11 @@ _CHUNK_HEAD = struct.Struct("<QQQII")
 
 
 class ChunkError(Exception):
-    """A chunk that cannot be trusted; the text says why."""
+    """A chunk that cannot be trusted; the text says why, `code` whether it is damaged or too large."""
+
+    def __init__(self, text: str, code: FaultCode = FaultCode.BAG_DAMAGED) -> None:
+        super().__init__(text)
+        self.code = code
 
 
 @dataclass(frozen=True)
@@ -66,9 +71,9 @@ def chunk_place(buffer: Buffer, offset: int, length: int) -> ChunkPlace:
     if data_length > rest:
         raise ChunkError("chunk data longer than its record")
     if size > RECORD_CAP:
-        raise ChunkError(f"chunk of {size} bytes is above the cap of {RECORD_CAP}")
+        raise ChunkError(f"chunk of {size} bytes is above the cap of {RECORD_CAP}", FaultCode.BAG_HUGE)
     if size > EXPANSION_CAP * max(data_length, 1):
-        raise ChunkError(f"chunk expands more than {EXPANSION_CAP} times")
+        raise ChunkError(f"chunk expands more than {EXPANSION_CAP} times", FaultCode.BAG_HUGE)
     return ChunkPlace(offset, at + name_length + 8, data_length, name, size, crc)
 
 
@@ -264,7 +269,7 @@ def _is_message(buffer: Buffer, content: int, length: int, channels: Collection[
 
 
 MAX_PROBLEMS = 100
-"""So many are told one by one; a file with more of them is told as a number."""
+"""So many are listed one by one; of a file with more of them the rest is a number."""
 MAX_DESCRIPTIONS = 20_000
 """Schemas, channels, metadata and attachments of one file; no recording has so many, a made file may."""
 _DESCRIPTIONS = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.ATTACHMENT, Opcode.METADATA}
@@ -290,8 +295,8 @@ class McapSource:
         self._chunks_met: set[int] = set()
         self._sure = len(MAGIC)  # up to here no length can have been wrong
         self._descriptions = 0
-        self._told: set[Problem] = set()
-        self._untold = 0
+        self._listed: set[Problem] = set()
+        self._unlisted = 0
         self._data_end: tuple[int, int] | None = None
         self._file = MappedFile(path)
         self._buffer = self._file.buffer
@@ -350,7 +355,7 @@ class McapSource:
         try:
             data = chunk_data(self._buffer, place)
         except ChunkError as error:
-            self._problem(str(error), place.record_offset)
+            self._problem(str(error), place.record_offset, code=error.code)
             return
         yield from (scanned_block(data, found) for found in scans(data))
 
@@ -375,8 +380,8 @@ class McapSource:
             self._problem("the index at the end is damaged (checksum)", end.damaged_at, loses_data=False)
         self._add_indexed([index.chunk_start_offset for index in end.chunks])
         self._compare_counts()
-        if self._untold:
-            self.problems.append(Problem(f"{self._untold} more of such problems", self.path.name))
+        if self._unlisted:
+            self.problems.append(Problem(f"{self._unlisted} more of such problems", self.path.name))
 
     def _walk_from(self, at: int) -> dict[str, Any]:
         """Takes the records from one place on up to the first one that cannot be read, or the footer."""
@@ -424,14 +429,16 @@ class McapSource:
         """Counts one more description; False beyond the cap, which is said."""
         self._descriptions += 1
         if self._descriptions > MAX_DESCRIPTIONS:
-            self._problem(f"more than {MAX_DESCRIPTIONS} descriptions; the rest is not read")
+            text = f"more than {MAX_DESCRIPTIONS} descriptions; the rest is not read"
+            self._problem(text, code=FaultCode.BAG_HUGE)
         return self._descriptions <= MAX_DESCRIPTIONS
 
     def _add_channel(self, channel: records.Channel | None) -> None:
         if channel is None or (channel.id in self._channels and not self._end.verified):
             return  # the copy at the end counts only if its checksum is right
         if channel.message_encoding != "cdr":
-            self._problem(f"{channel.topic}: encoding {channel.message_encoding!r} is not read, only cdr")
+            text = f"{channel.topic}: encoding {channel.message_encoding!r} is not read, only cdr"
+            self._problem(text, code=FaultCode.BAG_FOREIGN)
         schema = self._schemas.get(channel.schema_id)
         self.topics[channel.id] = channel.topic
         self.types[channel.id] = schema.name if schema else ""
@@ -445,7 +452,7 @@ class McapSource:
             place = chunk_place(self._buffer, offset, length)
             data = chunk_data(self._buffer, place)
         except ChunkError as error:
-            self._problem(f"{error}; {length} bytes skipped", offset)
+            self._problem(f"{error}; {length} bytes skipped", offset, code=error.code)
             return
         self._sure = max(self._sure, offset + length)
         messages: Counter[int] = Counter()
@@ -511,14 +518,16 @@ class McapSource:
             self._problem(str(error), offset)
             return None
 
-    def _problem(self, text: str, offset: int = -1, loses_data: bool = True) -> None:
-        problem = Problem(text, self.path.name, offset, loses_data)
-        if problem in self._told:
+    def _problem(
+        self, text: str, offset: int = -1, loses_data: bool = True, code: FaultCode = FaultCode.BAG_DAMAGED
+    ) -> None:
+        problem = Problem(text, self.path.name, offset, loses_data, code)
+        if problem in self._listed:
             return
-        if len(self._told) >= MAX_PROBLEMS:
-            self._untold += 1
+        if len(self._listed) >= MAX_PROBLEMS:
+            self._unlisted += 1
             return
-        self._told.add(problem)
+        self._listed.add(problem)
         self.problems.append(problem)
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from hd_control.core.errors import BagError, ConfigError
+from hd_control.core.faults import FaultCode
 from hd_control.core.topics import base_name
 from hd_control.record import bag_folder
 from hd_control.record.block import Block, Gap, Problem, find_gaps, streams_of
@@ -57,7 +58,7 @@ class BagReader:
             type_name = source.types[channel]
             if self.topics.setdefault(topic, type_name) != type_name:
                 text = f"{topic}: has two types, {self.topics[topic]} and {type_name}; the second is not read"
-                self.problems.append(Problem(text))
+                self.problems.append(Problem(text, code=FaultCode.BAG_FOREIGN))
                 continue
             self.counts[topic] = self.counts.get(topic, 0) + source.counts.get(channel, 0)
         self.metadata.update(source.metadata)
@@ -73,7 +74,7 @@ class BagReader:
                 self.problems.append(Problem(f"{topic}: metadata.yaml states {want} messages, {have} are readable"))
 
     def _note_recovery(self) -> None:
-        """A recovered recording is whole as a file, and still lacks what could not be recovered."""
+        """A recovered recording is whole as a file, and still without what could not be recovered."""
         recovery = self.metadata.get(RECOVERY)
         if recovery is None:
             return
@@ -233,7 +234,7 @@ class BagReader:
             store.types[type_name]
         except Exception as error:  # the parser of definitions leaks its own errors
             why = f"type {type_name!r} is not known ({type(error).__name__})"
-            raise BagError(f"{name}: {why}; its messages are skipped") from None
+            raise BagError(FaultCode.BAG_FOREIGN.line(f"{why}; its messages are skipped", name)) from None
         return lambda payload: store.deserialize_cdr(payload, type_name)
 
     def _note(self, problem: Problem) -> None:

@@ -21,6 +21,7 @@ from operator import itemgetter
 from typing import Any
 
 from hd_control.core.errors import BagError
+from hd_control.core.faults import FaultCode
 from hd_control.core.topics import topic_info
 from hd_control.record.accounting import TopicAccount, header_of
 from hd_control.record.bag_folder import space_left, write_error
@@ -32,7 +33,7 @@ from hd_control.record.writer import BagWriter
 
 
 class DiskSync:
-    """At most one fsync at a time, in a thread of its own; an error is told by the next call."""
+    """At most one fsync at a time, in a thread of its own; an error is reported by the next call."""
 
     def __init__(self) -> None:
         self._thread: threading.Thread | None = None
@@ -152,7 +153,7 @@ class Recorder:
             self._watch_space()
 
     def store_drops(self) -> None:
-        """Writes the counts into the bag if drops were added since the last time: a killed bag tells them too."""
+        """Writes the counts into the bag if drops were added since the last time: a killed bag holds them too."""
         with self._lock:
             drops = {name: queue.account.drops.total for name, queue in self._queues.items()}
         if self.failure or drops == self._counted or not any(drops.values()):
@@ -173,7 +174,8 @@ class Recorder:
         self.warning = "" if state == "ok" else f"{self.bag.path}: the disk is nearly full; free some space"
         if state == "floor":
             self.close(DISK_FLOOR, compact=False)
-            self._fail(f"{self.bag.path}: the disk is full ({DISK_FLOOR}); the bag was closed whole, free some space")
+            what = f"the disk is full ({DISK_FLOOR}); the bag was closed whole, free some space"
+            self._fail(FaultCode.DISK_FULL.line(what, str(self.bag.path)))
 
     def drain(self, limit: int = 1_000_000) -> int:
         """Writes what is queued, in order of log time over all topics, and flushes; returns how many were taken.
@@ -223,6 +225,15 @@ class Recorder:
         if self.failure:
             self.bag.abandon()
         return self.failure
+
+    def losses(self) -> str:
+        """What was dropped before it reached the disk, in one line; empty if nothing was."""
+        with self._lock:
+            drops = {name: queue.account.drops.total for name, queue in self._queues.items()}
+        if not any(drops.values()):
+            return ""
+        what = f"{sum(drops.values())} samples lost on {', '.join(name for name, count in drops.items() if count)}"
+        return FaultCode.RECORDER_SLOW.line(f"{what}. Record fewer topics or use a faster disk.")
 
     def statistics(self) -> dict[str, dict[str, Any]]:
         """Per topic: the account (received, written, missing, drops, …), `published` and `queued` now.

@@ -3,7 +3,7 @@
     report = recover("bags/killed", "bags/killed_recovered")
     report.lost, report.problems
 
-The original is only read. The new bag is re-read and compared before it appears; it tells readers what it lacks.
+The original is only read. The new bag is re-read and compared before it appears; it says to readers what is missing in it.
 """
 
 from __future__ import annotations
@@ -163,7 +163,8 @@ def _finish(bag: BagReader, copy: _Copy, report: RecoveryReport) -> None:
         for name, record in source.attachment_records().items():
             if record is not None:
                 copy.file.add_attachment(name, record.media_type, record.data, record.log_time)
-    copy.file.add_metadata(RECOVERY, {"source": bag.path.name, "lost": json.dumps(report.problems)})
+    lost = [problem.finding for problem in bag.problems if problem.loses_data]
+    copy.file.add_metadata(RECOVERY, {"source": bag.path.name, "lost": json.dumps(lost)})
     copy.file.finish()
 
 
@@ -189,10 +190,10 @@ def _compare(place: Path, copy: _Copy, target: Path, known: Collection[str]) -> 
                 for number in np.unique(block.channel).tolist():
                     for part in _parts(block.select(block.channel == number)):
                         found[source.topics[number]].update(block_records(part, number)[0])
-        told = [problem for problem in bag.damage if problem.loses_data and problem.text not in known]
+        new = [problem for problem in bag.damage if problem.loses_data and problem.text not in known]
         same = {t: d.hexdigest() for t, d in found.items()} == {t: d.hexdigest() for t, d in copy.digests.items()}
-        if told or not same:
-            why = told[0] if told else "its messages are not those that were copied"
+        if new or not same:
+            why = new[0] if new else "its messages are not those that were copied"
             raise BagError(f"{target}: the new bag is not right ({why}) and was removed; the original is as it was")
 
 

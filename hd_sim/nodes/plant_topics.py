@@ -18,7 +18,7 @@ from hd_control.core.arrays import FloatArray
 from hd_control.core.blocks import Block
 from hd_control.core.faults import Action, Fault, FaultCode
 from hd_control.nodes.fast_loop import add_input, chain_qos, latched_qos
-from hd_control.nodes.shell import ERROR, OK, WARN, Shell
+from hd_control.nodes.shell import ERROR, OK, WARN, Shell, foreign_report
 from hd_control.nodes.stage_shell import Output
 from hd_control.record.cdr import ClockCodec, JointStateCodec, TemperatureCodec
 from hd_sim.nodes.plant_turn import PlantTurn
@@ -53,7 +53,7 @@ class CommandInput:
         )
         self._take = self.subscription.handle.take_message
         self._sources: list[_Source] = []
-        self.foreign = 0
+        self.foreign = self.unreadable = 0
 
     def drain(self, use: Callable[[Any, FloatArray, int], None]) -> None:
         """Calls `use(joints, torque, tick)` for every waiting command of a bound publisher."""
@@ -85,10 +85,10 @@ class CommandInput:
         """A new publisher, unless its layout is unusable or one of its joints has a publisher already."""
         message = deserialize_message(data, JointState)
         names, run_id = list(message.name), message.header.frame_id
-        if not run_id or not names or not set(names) <= set(self._names) or len(set(names)) != len(names):
-            return None
         fields = {name: len(getattr(message, name)) for name in ("position", "velocity", "effort")}
-        if fields["effort"] != len(names) or any(count not in (0, len(names)) for count in fields.values()):
+        usable = run_id and names and set(names) <= set(self._names) and len(set(names)) == len(names)
+        if not usable or fields["effort"] != len(names) or any(n not in (0, len(names)) for n in fields.values()):
+            self.unreadable += 1
             return None
         joints = [self._names.index(name) for name in names]
         others = [source for source in self._sources if source.taken & set(joints)]
@@ -150,10 +150,10 @@ class TopicSeam:
     def progress(self, tick: int) -> None:
         self._progress.publish(UInt64(data=tick))
 
-    def publishers(self) -> list[str]:
-        """Full names of all nodes that publish commands, from the graph."""
-        found = self._node.get_publishers_info_by_topic(self.commands.subscription.topic_name)
-        return sorted(f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in found)
+    def foreign_report(self) -> dict[str, str]:
+        """For diagnostics: who may have sent commands of another run id."""
+        commands = self.commands
+        return foreign_report(self._node, {commands.subscription.topic_name: commands.foreign - commands.unreadable})
 
     def destroy(self) -> None:
         """Removes the topics."""
@@ -170,10 +170,9 @@ def plant_status(turn: PlantTurn, world: World, seam: TopicSeam) -> tuple[bytes,
     stop, values = world.report()
     turn.statistics.foreign = seam.commands.foreign
     values = turn.statistics.summary() | values | {"tick": turn.tick, "skipped": turn.skipped}
-    if seam.commands.foreign:  # the run id of a message tells that there is another source, the graph who it may be
-        names = seam.publishers()
-        fault = Fault(FaultCode.TWO_PUBLISHERS, -1, len(names), 1.0, Action.REPORT)
-        values["two_publishers"] = f"{fault.text()} There are {', '.join(names)}; {seam.commands.foreign} dropped."
+    values |= seam.foreign_report()
+    if late := world.seam.late + turn.skipped:
+        values["overrun"] = Fault(FaultCode.OVERRUN, -1, late, 0.0, Action.REPORT).text()
     if stop or turn.fault:
         return ERROR, "; ".join(filter(None, [turn.fault, stop])), values
     return (

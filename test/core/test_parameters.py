@@ -48,7 +48,7 @@ def test_a_good_set_has_no_problems():
     ],
 )
 def test_f20_each_bad_value_is_named_with_what_is_allowed(change, says):
-    with pytest.raises(ConfigError, match=says):
+    with pytest.raises(ConfigError, match=f"HD-F20 param_bad node: .*{says}"):
         GAINS.check({**GOOD, **change}, 2)
 
 

@@ -38,7 +38,7 @@ def test_numbers_follow_yaml_1_2():
     ],
 )
 def test_f26_doubtful_text_is_refused_with_its_line(text, says):
-    with pytest.raises(ConfigError, match=says):
+    with pytest.raises(ConfigError, match=f"HD-F26 yaml_bad file.yaml.*{says}"):
         parse_yaml(text, "file.yaml")
 
 

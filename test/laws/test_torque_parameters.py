@@ -108,7 +108,7 @@ def test_f25_the_robot_must_have_the_joints(values):
     class Robot:
         joint_names = tuple(f"joint_{i}" for i in range(1, 7))
 
-    with pytest.raises(ConfigError, match="the robot has no joint joint_7"):
+    with pytest.raises(ConfigError, match="HD-F25 model_mismatch .*the robot has no joint joint_7"):
         torque.configure(values, Robot(), DT)
 
 

@@ -114,7 +114,7 @@ def test_f33_a_callback_that_raises_stops_the_robot_and_the_node_lives_on(
     trigger(bench, monkeypatch)
     assert bench.spin_until(lambda: bool(bench.chain.fault)), "nothing was reported"
     expected = "a lifecycle transition raised" if trigger is _activate else WORDS
-    assert bench.chain.fault == f"RuntimeError: {expected}"
+    assert bench.chain.fault == f"HD-F33 exception: RuntimeError: {expected}"
     assert bench.chain.torque.exception is not None, "the next tick of the torque law stops"
     monkeypatch.undo()
     said: list[Any] = []

@@ -64,7 +64,7 @@ def test_a_newer_tick_abandons_and_counts_an_incomplete_one() -> None:
     assert inputs.offer(1, 3) == COMPLETE
 
 
-def test_f02_f16_a_stamp_that_stands_still_never_acts_again() -> None:
+def test_f02_a_stamp_that_stands_still_never_acts_again() -> None:
     inputs = Inputs(1)
     assert inputs.offer(0, 7) == COMPLETE
     assert inputs.offer(0, 7) == REPEATED

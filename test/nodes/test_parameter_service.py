@@ -83,13 +83,15 @@ def test_f20_a_refusal_changes_nothing_and_is_counted(change, says):
     result = node.set(**change)
     assert not result.successful and taken == [] and node.stored == before == made.values()
     assert re.search(says, result.reason) and made.last_refusal == result.reason
+    assert result.reason.startswith("HD-F20 param_bad node: ")
     assert (made.changes, made.refusals) == (0, 1)
 
 
 def test_f21_a_value_that_needs_inactive_is_refused_while_active():
     node, made, taken = service(active=True)
     result = node.set(law="b", gain=[5.0, 6.0])
-    assert not result.successful and "law: 'a' stays, a change needs INACTIVE" in result.reason
+    assert not result.successful
+    assert result.reason == "HD-F21 param_moving node: law: 'a' stays, a change needs INACTIVE"
     assert taken == [] and node.stored["gain"] == [1.0, 2.0]
     node, made, taken = service(active=False)
     assert node.set(law="b").successful and taken[-1]["law"] == "b"
@@ -100,4 +102,4 @@ def test_f20_what_the_law_cannot_prepare_is_refused():
         raise ConfigError("the law says no")
 
     node, made, taken = service(prepare=prepare)
-    assert node.set(rate=0.001).reason == "the law says no" and taken == []
+    assert node.set(rate=0.001).reason == "HD-F20 param_bad node: the law says no" and taken == []

@@ -48,7 +48,7 @@ class Bench:
         return self.guard.step(*full, demands)
 
 
-def demand(action, code=FaultCode.CONTACT, joint=1):
+def demand(action, code=FaultCode.GAUGE_DRIFT, joint=1):
     return Fault(code, joint, 2.0, 1.0, action)
 
 
@@ -64,7 +64,7 @@ def test_before_activation_nothing_leaves_and_faults_only_report():
     bench = Bench(active=False)
     out, faults = bench.send([math.nan, 1.0], demands=[demand(Action.TORQUE_RAMP)])
     assert out.tolist() == [0.0, 0.0] and bench.guard.mode is Mode.INACTIVE and not bench.guard.stopped
-    assert {fault.code for fault in faults} == {FaultCode.CONTACT, FaultCode.NOT_FINITE}
+    assert {fault.code for fault in faults} == {FaultCode.GAUGE_DRIFT, FaultCode.NOT_FINITE}
     assert {fault.action for fault in faults} == {Action.REPORT}
 
 
@@ -135,7 +135,7 @@ def test_without_a_motor_position_the_torque_ramps_to_zero(field):
     bench.guard.measured.view(field)[0] = math.nan
     out, _ = bench.send(demands=[demand(Action.CONTROLLED_STOP)])
     assert bench.guard.mode is Mode.STOPPED and out.tolist() == [0.0, 0.0] and not bench.guard.controlled
-    assert bench.guard.gate.stop_code == FaultCode.CONTACT and bench.guard.gate.stop_joint == 1.0
+    assert bench.guard.gate.stop_code == FaultCode.GAUGE_DRIFT and bench.guard.gate.stop_joint == 1.0
     assert bench.guard.gate.brake_requested == 1.0
 
 
@@ -147,10 +147,10 @@ def test_the_strongest_action_wins_and_is_never_weakened():
     assert bench.guard.controlled
     bench.send(demands=[demand(Action.DEGRADE)])
     assert bench.guard.controlled
-    bench.send(demands=[demand(Action.TORQUE_RAMP, FaultCode.BUS_OFF, 0), demand(Action.CONTROLLED_STOP)])
-    assert bench.guard.mode is Mode.STOPPED and bench.guard.gate.stop_code == FaultCode.BUS_OFF
+    bench.send(demands=[demand(Action.TORQUE_RAMP, FaultCode.POSITION_DISAGREE, 0), demand(Action.CONTROLLED_STOP)])
+    assert bench.guard.mode is Mode.STOPPED and bench.guard.gate.stop_code == FaultCode.POSITION_DISAGREE
     bench.send(demands=[demand(Action.CONTROLLED_STOP)])
-    assert bench.guard.mode is Mode.STOPPED and bench.guard.gate.stop_code == FaultCode.BUS_OFF
+    assert bench.guard.mode is Mode.STOPPED and bench.guard.gate.stop_code == FaultCode.POSITION_DISAGREE
 
 
 def test_a_running_stop_does_not_begin_anew():
@@ -189,7 +189,7 @@ def test_exactly_on_its_bounds_a_joint_may_be(offset, stops):
         bench.guard.measured.joint_velocity = [side, side * bench.guard._speed[1]]
         bench.guard.low, bench.guard.high = np.array([-3.0, -10.0]), np.array([3.0, 10.0])
         _, faults = bench.send(demands=[demand(Action.REPORT)])
-        assert [f.code for f in faults if f.code is not FaultCode.CONTACT] == [FaultCode.ENVELOPE] * stops
+        assert [f.code for f in faults if f.code is not FaultCode.GAUGE_DRIFT] == [FaultCode.ENVELOPE] * stops
         assert bench.guard.controlled is stops
 
 
@@ -197,7 +197,7 @@ def test_the_last_tick_that_a_double_counts_is_used_beside_another_finding():
     bench = Bench()
     bench.send(tick=2.0**53 - 1.0)
     _, faults = bench.send(tick=2.0**53, demands=[demand(Action.REPORT)])
-    assert [f.code for f in faults] == [FaultCode.CONTACT] and not bench.guard.stopped
+    assert [f.code for f in faults] == [FaultCode.GAUGE_DRIFT] and not bench.guard.stopped
 
 
 def test_a_stop_that_loses_its_sensor_becomes_a_ramp():

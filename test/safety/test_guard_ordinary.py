@@ -47,7 +47,7 @@ def test_the_short_way_comes_to_the_same_as_the_long_one(seed, monkeypatch):
             given[random.integers(3)][random.integers(N)] = random.choice(ODD)
         if random.random() < 0.01:
             measured[FIELDS[random.integers(4)]][random.integers(N)] = random.choice(ODD)
-        demands = [Fault(FaultCode.CONTACT, 0, 2.0, 1.0, Action.REPORT)] if random.random() < 0.01 else []
+        demands = [Fault(FaultCode.GAUGE_DRIFT, 0, 2.0, 1.0, Action.REPORT)] if random.random() < 0.01 else []
         quiet += short._emitting and short._quiet(*given)
         outcomes = []
         for guard in (short, long):
