@@ -21,7 +21,7 @@ from hd_control.core.topics import TICK_NS
 from hd_control.record.reader import BagReader
 from hd_control.record.schema import joint_state_codec
 from hd_control.record.writer import BagWriter
-from hd_control.safety.gate import safety_gate_compiled
+from hd_control.safety.gate import safety_gate
 from hd_sim.plant_config import PlantConfig
 from hd_sim.recording import JOINT_TOPICS, RunRecording
 from hd_sim.runner import Runner, RunSetup
@@ -106,7 +106,7 @@ def _gate(runner: Runner) -> Callable[[], None]:
 
     def call() -> None:
         for _ in range(REPEAT):
-            safety_gate_compiled(command, measured, ages, ticks, limits, state)
+            safety_gate(command, measured, ages, ticks, limits, state)
 
     return call
 

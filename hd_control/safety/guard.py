@@ -200,9 +200,7 @@ class Guard:
     ) -> tuple[FloatArray, list[Fault]]:
         """One sample: the torque that may leave (n,) N m, and its faults. `demands` are those of the monitors."""
         if self._emitting and not demands and self._quiet(command, ages, ticks):
-            out, new, faults = gate.safety_gate_compiled(
-                command, self.measured, ages, ticks, self.limits.gate, self.gate
-            )
+            out, new, faults = gate.safety_gate(command, self.measured, ages, ticks, self.limits.gate, self.gate)
             if not faults:
                 return self._ordinary(out, new, ticks), faults
         with np.errstate(all="ignore"):  # infinite inputs are judged below, not warned of
@@ -343,9 +341,7 @@ class Guard:
 
     def _through(self, command: FloatArray, ages: FloatArray, ticks: FloatArray) -> tuple[FloatArray, list[Fault]]:
         """The gate, always the last. A stop that it begins itself ends a controlled one."""
-        out, self.gate, faults = gate.safety_gate_compiled(
-            command, self.measured, ages, ticks, self.limits.gate, self.gate
-        )
+        out, self.gate, faults = gate.safety_gate(command, self.measured, ages, ticks, self.limits.gate, self.gate)
         self.controlled = self.controlled and bool(self.gate.stopped == 0.0)
         return out, faults
 

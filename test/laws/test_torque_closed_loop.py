@@ -17,6 +17,7 @@ from hd_control.laws.calibration import joint_count, quantise
 from hd_control.papers.differentiate import Derivative
 from hd_control.safety import gate as sg
 from hd_control.safety import limits
+from hd_control.safety.guard import new_measured
 
 T = 1e-3
 JOINTS = {
@@ -63,8 +64,8 @@ class Chain:
         for name in ("joint_position", "joint_velocity", "joint_torque", "motor_position", "motor_velocity"):
             sample.view(name)[...] = seen.view(name)
         output, self.states[1] = torque.step(self.torque_params, self.states[1], sample, ref, T)
-        out, self.gate, faults = sg.safety_gate_compiled(
-            output.motor_torque.copy(), sg.new_measured(1), np.zeros(1), np.full(1, float(k)), self.limits, self.gate
+        out, self.gate, faults = sg.safety_gate(
+            output.motor_torque.copy(), new_measured(1), np.zeros(1), np.full(1, float(k)), self.limits, self.gate
         )
         assert faults == [] and out[0] == output.motor_torque[0], "healthy control passes the gate untouched"
         return float(out[0])

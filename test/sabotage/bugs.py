@@ -5,7 +5,7 @@ Tests are a file, or a file and ` -k expression`. Missing of the thirty: S25 and
 
 # ruff: noqa: E501 - pieces of code are quoted as they stand
 
-GATE = "hd_control/safety/gate.py"
+GATE = "hd_control/cpp/safety.hpp"
 GUARD = "hd_control/safety/guard.py"
 STAGE = "hd_control/chain/torque_stage.py"
 SEAM = "hd_sim/drive_side.py"
@@ -22,29 +22,29 @@ BUGS = [
     (
         "S1 range test lets NaN through",
         GATE,
-        "if not abs(command) < math.inf:",
-        "if abs(command) >= math.inf:",
+        "if (!(std::fabs(command) < INFINITY)) {",
+        "if (std::fabs(command) >= INFINITY) {",
         T_GATE + " -k f04",
     ),
     (
         "S2 lower torque limit forgotten",
         GATE,
-        "if not -limit <= u <= limit:",
-        "if not u <= limit:",
+        "if (!(-limit <= u && u <= limit)) {",
+        "if (!(u <= limit)) {",
         T_GATE + " -k too_large",
     ),
     (
         "S3 rate from the requested torque",
         GATE,
-        "    state.last_torque = out\n",
-        "    state.last_torque = command\n",
+        "state.last_torque[j] = out[j];",
+        "state.last_torque[j] = command[j];",
         T_GATE + " -k rate_is_measured",
     ),
     (
         "S4 limits of another joint",
         GATE,
-        "limit, step, last = float(limits.torque_limit[j])",
-        "limit, step, last = float(limits.torque_limit[j - 1])",
+        "double limit = limits.torque_limit[j], last = reference(j);",
+        "double limit = limits.torque_limit[j > 0 ? j - 1 : joints - 1], last = reference(j);",
         T_GATE + " -k each_joint_has",
     ),
     (
@@ -57,8 +57,8 @@ BUGS = [
     (
         "S6 torque while inactive",
         GATE,
-        "    active = bool(state.active != 0.0)\n",
-        "    active = True\n",
+        "const bool active = state.active[0] != 0.0;",
+        "const bool active = true;",
         T_GATE + " -k not_active",
     ),
     (
@@ -78,7 +78,7 @@ BUGS = [
     ),
     (
         "S9 reset after one healthy sample",
-        GATE,
+        "hd_control/safety/gate.py",
         "if not healthy >= wanted:",
         "if not healthy >= 1.0:",
         T_GATE + " -k one_healthy_sample_short",

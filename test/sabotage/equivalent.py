@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-GATE, GUARD, LOOP = (f"hd_control.laws.{name}" for name in ("safety_gate", "guard", "adaptation_monitor"))
-SENSORS, STUCK = (f"hd_control.safety.{name}" for name in ("sensor_monitors", "stuck_monitor"))
+NAMES = ("gate", "guard", "loop_monitors", "sensor_monitors")
+GATE, GUARD, LOOP, SENSORS = (f"hd_control.safety.{name}" for name in NAMES)
 SHORT_CUT = "a short cut: the lines behind it come to the same"
 EQUIVALENT: dict[tuple[str, str, str], str] = {
     (
@@ -11,24 +11,11 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
         "return out, Block(gate_state.layout, new_array), faults_from_rows(rows, count) if count else []",
         "condition -> True",
     ): "no rows make an empty list as well",
-    (GATE, "if -limit <= last <= limit:", "LtE -> Lt"): "the next line gives the limit with its sign as well",
     (
         GUARD,
         "bound, action = np.where(velocity > 0.0, high, low), Action.CONTROLLED_STOP",
         "Gt -> GtE",
     ): "used only for joints that move outward, faster than 0.05 rad/s",
-    (GATE, "u = limit if u > 0.0 else -limit", "Gt -> GtE"): "u is beyond a limit above 0, so it is not 0",
-    (GATE, "return high if u > high else low", "Gt -> GtE"): "u is not between low and high, so it is not high",
-    (
-        GATE,
-        "return last - step if last > step else (last + step if last < -step else 0.0)",
-        "Gt -> GtE",
-    ): "at equality both are 0",
-    (
-        GATE,
-        "return last - step if last > step else (last + step if last < -step else 0.0)",
-        "Lt -> LtE",
-    ): "at equality both are 0",
     (
         GUARD,
         "if self._emitting and not demands and self._quiet(command, ages, ticks):",
@@ -50,7 +37,6 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
     (SENSORS, "if _laws.all_below(gauge, limits.gauge_free):", "condition -> False"): SHORT_CUT,
     (SENSORS, "if _laws.all_near(motor, joint, limits.twist_limit):", "condition -> False"): SHORT_CUT,
     (SENSORS, "way = np.where(whole, travel, 1.0)", "1.0 -> 2.0"): "used only where the turn is whole",
-    (STUCK, "if ordinary:", "condition -> False"): SHORT_CUT,
     ("hd_control.laws.trajectory", "self.slope = 0.0", "0.0 -> 1.0"): "set anew by each step, before it is used",
 }
 """Module, line of code, change: reason."""

@@ -1,4 +1,4 @@
-"""Safety gate: finite, bounded, rate-bounded, transparent, idempotent, latched; compiled twin equal bit for bit."""
+"""Safety gate: finite, bounded, rate-bounded, transparent, idempotent, latched; equal to the plain law bit for bit."""
 
 import dataclasses
 import math
@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from oracles import gate_law
 from oracles.unsafe_torque import judge
 
 from hd_control.core.errors import ConfigError
@@ -18,6 +19,7 @@ from hd_control.core.resources import config_path
 from hd_control.core.strict_yaml import load_params_file
 from hd_control.safety import gate as sg
 from hd_control.safety import limits as limits_module
+from hd_control.safety.guard import new_measured
 
 DT = 1e-3
 LIMIT, STEP = np.array([100.0, 50.0, 20.0]), np.array([10.0, 4.0, 0.7])
@@ -25,7 +27,7 @@ N = 3
 ODD = [math.nan, math.inf, -math.inf, -0.0, 5e-324, -5e-324, 1e308, -1e308, 100.0, -100.0, 20.0, 10.0, 0.7]
 any_number = st.one_of(st.sampled_from(ODD), st.floats(-150, 150), st.floats())
 vectors = arrays(float, N, elements=any_number)
-GATES = [sg.safety_gate, sg.safety_gate_compiled]
+GATES = [gate_law.safety_gate, sg.safety_gate]
 
 
 def limits(**changes):
@@ -33,7 +35,7 @@ def limits(**changes):
         "age_limit": 10.0, "rate_excess_limit": 20.0, "reset_samples": 5.0, "standstill_velocity": 0.01,
         "torque_limit": LIMIT, "torque_step": STEP,
     }  # fmt: skip
-    return sg.limits_layout(N).pack(values | changes)
+    return limits_module.limits_layout(N).pack(values | changes)
 
 
 def opened(applied=(0.0, 0.0, 0.0), tick=-1.0):
@@ -49,7 +51,7 @@ def send(gate, command, state, ages=0.0, tick=None, bounds=None):
     full = [
         np.full(N, value) if np.isscalar(value) else np.array(value, dtype=float) for value in (command, ages, tick)
     ]
-    return gate(full[0], sg.new_measured(N), full[1], full[2], bounds or limits(), state)
+    return gate(full[0], new_measured(N), full[1], full[2], bounds or limits(), state)
 
 
 @st.composite
@@ -85,9 +87,9 @@ def same_faults(a, b):
 
 @settings(max_examples=200, deadline=None)
 @given(states(), inputs)
-def test_compiled_twin_has_the_same_bits(state, case):
+def test_the_gate_has_the_bits_of_the_plain_law(state, case):
     command, ages, ticks = case
-    results = [gate(command, sg.new_measured(N), ages, ticks, limits(), state) for gate in GATES]
+    results = [gate(command, new_measured(N), ages, ticks, limits(), state) for gate in GATES]
     (out_a, state_a, faults_a), (out_b, state_b, faults_b) = results
     assert same(out_a, out_b) and same(state_a.array, state_b.array) and same_faults(faults_a, faults_b)
 
@@ -98,7 +100,7 @@ def test_no_unsafe_torque_for_any_number_and_any_state(state, case):
     """P1. The reference of the rate is the last torque cut to the limits; a torque above the limits is no reference."""
     command, ages, ticks = case
     before_bits = state.array.copy()
-    out, new, _ = sg.safety_gate(command, sg.new_measured(N), ages, ticks, limits(), state)
+    out, new, _ = sg.safety_gate(command, new_measured(N), ages, ticks, limits(), state)
     assert same(state.array, before_bits), "the gate is a pure function"
     last = [min(max(x, -b), b) if math.isfinite(x) else math.copysign(b, x) if not math.isnan(x) else 0.0
             for x, b in zip(state.last_torque.tolist(), LIMIT.tolist(), strict=True)]  # fmt: skip
@@ -113,8 +115,8 @@ def test_no_unsafe_torque_for_any_number_and_any_state(state, case):
 def test_the_gate_applied_twice_is_the_gate_applied_once(state, case):
     """gate(gate(x)) = gate(x): what may leave passes unchanged."""
     command, ages, ticks = case
-    out, new, _ = sg.safety_gate(command, sg.new_measured(N), ages, ticks, limits(), state)
-    again, _, _ = sg.safety_gate(out, sg.new_measured(N), ages, ticks, limits(), state)
+    out, new, _ = sg.safety_gate(command, new_measured(N), ages, ticks, limits(), state)
+    again, _, _ = sg.safety_gate(out, new_measured(N), ages, ticks, limits(), state)
     if new.stopped == state.stopped:
         assert same(again, out)
     else:
@@ -274,14 +276,14 @@ class TestBothForms:
         ("memory", "first"), [(1e308, 90.0), (-1e308, -90.0), (math.nan, 0.0), (100.0, 90.0), (-10.0, 0.0), (10.0, 0.0)]
     )
     def test_the_ramp_begins_inside_the_limit_whatever_the_memory_holds(self, gate, memory, first):
-        state = sg.stopped_by(opened(), FaultCode.CONTACT, 0)
+        state = sg.stopped_by(opened(), FaultCode.GAUGE_DRIFT, 0)
         state.last_torque[0] = memory
         out, _, _ = send(gate, 0.0, state)
         assert same(out, np.array([first, 0.0, 0.0]))
 
 
 def test_the_gate_before_activation_remembers_nothing():
-    state, measured = sg.initial_gate_state(N), sg.new_measured(N)
+    state, measured = sg.initial_gate_state(N), new_measured(N)
     assert state.stop_joint == -1.0 and state.last_tick.tolist() == [-1.0] * N and state.active == 0.0
     assert measured.joint_position.tolist() == measured.joint_velocity.tolist() == [0.0] * N
 
@@ -294,13 +296,13 @@ class TestReset:
         return state
 
     def test_granted_when_healthy_and_still(self):
-        state, reasons = sg.reset(self.stopped(), sg.new_measured(N), limits())
+        state, reasons = sg.reset(self.stopped(), new_measured(N), limits())
         assert reasons == [] and state.stopped == 0.0 == state.brake_requested and state.stop_joint == -1.0
         out, state, _ = send(sg.safety_gate, [30.0, 0.0, 0.0], state)
         assert out[0] == 10.0 and state.stopped == 0.0, "torque comes back at the rate limit"
 
     def test_granted_at_exactly_the_standstill_velocity_and_time_to_catch_up_is_given(self):
-        measured = sg.new_measured(N)
+        measured = new_measured(N)
         measured.joint_velocity = [0.01, -0.01, 0.0]
         state, reasons = sg.reset(self.stopped(), measured, limits())
         assert reasons == [] and state.catch_up.tolist() == [20.0, 25.0, 58.0]
@@ -309,20 +311,20 @@ class TestReset:
 
     def test_refused_one_healthy_sample_short(self):
         before = self.stopped(healthy=4)
-        state, reasons = sg.reset(before, sg.new_measured(N), limits())
+        state, reasons = sg.reset(before, new_measured(N), limits())
         assert same(state.array, before.array)
         assert reasons == ["inputs healthy for 4 samples, 5 needed; wait or repair them"]
 
     @pytest.mark.parametrize("velocity", [0.02, -0.02, math.nan])
     def test_refused_while_a_joint_moves(self, velocity):
-        measured = sg.new_measured(N)
+        measured = new_measured(N)
         measured.joint_velocity[1] = velocity
         state, reasons = sg.reset(self.stopped(), measured, limits())
         assert state.stopped == 1.0 and len(reasons) == 1 and reasons[0].startswith("joint_2 moves with")
 
     def test_refused_during_the_ramp_with_every_reason(self):
         _, state, _ = send(sg.safety_gate, math.nan, opened(applied=(95.0, 0.0, 0.0)))
-        measured = sg.new_measured(N)
+        measured = new_measured(N)
         measured.joint_velocity[2] = 1.0
         _, reasons = sg.reset(state, measured, limits())
         assert reasons == [
@@ -344,7 +346,7 @@ def test_random_service_calls_never_let_a_stop_end_without_reset():
     for _ in range(2500):
         before, tick = state, tick + 1.0
         action = rng.choice(["send"] * 40 + ["nan", "old", "close", "open", "reset"])
-        measured = sg.new_measured(N)
+        measured = new_measured(N)
         measured.joint_velocity = rng.choice([0.0, 0.05])
         granted = False
         if action in ("close", "open"):
@@ -418,12 +420,19 @@ def test_the_oracle_sees_what_it_should():
 
 def test_no_comparison_lets_a_nan_through():
     """`x < low or x > high` and `max(min(x, high), low)` are false for NaN; gate code may not use them."""
-    for path in (Path(sg.__file__), Path(limits_module.__file__)):
-        text = path.read_text()
-        assert not re.search(r"\bm(ax|in)\(|np\.(clip|maximum|minimum)\(", text), path
-        assert not re.search(r"if [^\n]*[<>][^\n]* or [^\n]*[<>]", text), path
+    texts = [Path(module.__file__).read_text() for module in (sg, limits_module, gate_law)]
+    header = (Path(sg.__file__).parents[1] / "cpp" / "safety.hpp").read_text()
+    compiled = header[header.index("struct SafetyGate {") :]
+    texts.append(compiled[: compiled.index("\n};")])
+    careless = re.compile(
+        r"\bf?m(ax|in)\(|\bclamp\(|np\.(clip|maximum|minimum)\(|if [^\n]*[<>][^\n]* (or|\|\|) [^\n]*[<>]"
+    )
+    for text in texts:
+        assert not careless.search(text), careless.search(text)
+    for text in ("y = max(min(x, high), low)", "std::clamp(x, low, high)", "if (x < low || x > high)", "fmin(x, high)"):
+        assert careless.search(text), text
 
 
-def test_faults_from_the_compiled_form_are_the_same_type():
-    _, _, faults = send(sg.safety_gate_compiled, math.nan, opened())
+def test_faults_of_the_gate_are_values_with_names():
+    _, _, faults = send(sg.safety_gate, math.nan, opened())
     assert all(isinstance(f, Fault) and isinstance(f.code, FaultCode) and isinstance(f.action, Action) for f in faults)
