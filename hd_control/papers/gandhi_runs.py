@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from hd_control import _laws
 from hd_control.core.arrays import FloatArray
 from hd_control.core.blocks import Block
 from hd_control.laws import integral_manifold as law
 from hd_control.laws.calibration import joint_count, motor_count, quantise
-from hd_control.papers.differentiate import Derivative, derivative_pole
 from hd_control.papers.rows import Constants, load_constants
 from hd_sim.paper_joints import GearJoint
 
@@ -129,21 +129,20 @@ class Sensors:
     def __init__(self, c: Constants, period: float, place: FloatArray, joint: FloatArray) -> None:
         self.counts = (joint_count(c["joint_sensor_bits"]), motor_count(c["encoder_counts"], c["gear_ratio"]))
         self.place, self.period = place, period
-        self.pole = derivative_pole(c["rate_cutoff"], period)
+        self.pole = _laws.derivative_pole(c["rate_cutoff"], period)
         self.sample = Block(law.new_sample(1).layout, joint.copy())
-        self.filters: list[Derivative] = []
+        self.seen: list[float] = []
+        self.rates = [0.0, 0.0]
 
     def read(self, joint: FloatArray) -> Block:
         """The sample (6,) behind the plant's `joint` (6,)."""
         rows = zip((joint[0], joint[3]), self.counts, self.place, strict=True)
         seen = [float(quantise(angle + share * count, count)) - share * count for angle, count, share in rows]
-        if not self.filters:
-            self.filters = [Derivative.started(angle) for angle in seen]
-        else:
-            pairs = zip(self.filters, seen, strict=True)
-            self.filters = [filtered.step(angle, self.pole, self.period) for filtered, angle in pairs]
-        self.sample.array[[0, 3]] = seen
-        self.sample.array[[1, 4]] = [filtered.rate for filtered in self.filters]
+        steps = zip(seen, self.seen or seen, self.rates, strict=True)
+        a, dt = self.pole, self.period  # D(x)[k] = a D(x)[k-1] + (1 - a)(x[k] - x[k-1])/dt
+        self.rates = [a * rate + (1.0 - a) * ((now - before) / dt) for now, before, rate in steps]
+        self.seen = seen
+        self.sample.array[[0, 3]], self.sample.array[[1, 4]] = seen, self.rates
         return self.sample
 
 

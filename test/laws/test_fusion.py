@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from oracles.derivative import derivative_pole
 from oracles.fusion_law import Joint
 
 from hd_control.core.errors import ConfigError
@@ -11,7 +12,6 @@ from hd_control.core.resources import config_path
 from hd_control.core.strict_yaml import load_params_file
 from hd_control.laws import fusion
 from hd_control.laws.calibration import joint_count, motor_count, quantise
-from hd_control.papers.differentiate import derivative_pole
 
 DT = 1e-3
 SAMPLE = ("motor_shaft_position", "joint_position", "gauge_torque", "motor_torque", "motor_temperature")

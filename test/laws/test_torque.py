@@ -5,12 +5,12 @@ import math
 
 import numpy as np
 import pytest
+from oracles.derivative import derivative_pole
 from oracles.torque_law import Joint
 
 from hd_control.core.resources import config_path
 from hd_control.core.strict_yaml import load_params_file
 from hd_control.laws import torque
-from hd_control.papers.differentiate import derivative_pole
 
 DT = 1e-3
 SAMPLE = ("joint_position", "joint_velocity", "joint_torque", "motor_position", "motor_velocity")

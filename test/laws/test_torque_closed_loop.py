@@ -9,12 +9,12 @@ import math
 import numpy as np
 import pytest
 from oracles.bristle_joint import BristleJoint, PendulumMotion, reference
+from oracles.derivative import Derivative
 
 from hd_control.core.resources import config_path
 from hd_control.core.strict_yaml import load_params_file
 from hd_control.laws import fusion, torque
 from hd_control.laws.calibration import joint_count, quantise
-from hd_control.papers.differentiate import Derivative
 from hd_control.safety import gate as sg
 from hd_control.safety import limits
 from hd_control.safety.guard import new_measured
@@ -48,7 +48,7 @@ class Chain:
         self.gate = sg.activate(sg.initial_gate_state(1), self.limits, np.zeros(1))
         self.samples = [fusion.new_sample(1), torque.new_sample(1), torque.new_reference(1)]
         self.motion = PendulumMotion(self.plant_values["J"], self.plant_values["mgl"], *motion)
-        self.rate = None
+        self.error_rate = Derivative(0.8, T)
 
     def command(self, k, plant, noise, qd, qd_v, qd_a):
         raw, sample, ref = self.samples
@@ -56,9 +56,9 @@ class Chain:
         raw.joint_position, raw.gauge_torque = quantise(plant.q, joint_count(16)), plant.torque() + noise
         seen, self.states[0] = fusion.step(self.fusion_params, self.states[0], raw, T)
         q, q_v = float(seen.joint_position[0]), float(seen.joint_velocity[0])
-        self.rate = Derivative.started(qd - q) if self.rate is None else self.rate.step(qd - q, 0.8, T)
+        error_rate = self.error_rate.step(qd - q)
         if self.error_filter:
-            q_v = qd_v - self.rate.rate
+            q_v = qd_v - error_rate
         ref.joint_torque_required = self.motion.step(q, q_v, qd, qd_v, qd_a, T)
         ref.desired_position, ref.desired_velocity = qd, qd_v
         for name in ("joint_position", "joint_velocity", "joint_torque", "motor_position", "motor_velocity"):
