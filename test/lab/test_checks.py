@@ -35,9 +35,9 @@ def late(column: np.ndarray, samples: int) -> np.ndarray:
 
 
 def stuck(column: np.ndarray) -> np.ndarray:
-    """The column with 20 s at one value."""
-    found = column.copy()
-    found[5000:25000] = found[5000]
+    """The column with 20 s at one value, or half of a short recording."""
+    found, first = column.copy(), min(5000, column.size // 4)
+    found[first : first + min(20_000, column.size // 2)] = found[first]
     return found
 
 
