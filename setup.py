@@ -84,7 +84,6 @@ class BuildPython(build_py):
 setup(
     python_requires=">=3.10",
     packages=find_packages(include=["hd_control*", "hd_sim*"]),
-    package_data={"hd_control": ["studio/assets/**/*"], "": ["py.typed"]},
     data_files=data_files(),
     ext_modules=extensions(),
     cmdclass={"build_ext": BuildExtensions, "build_py": BuildPython},

@@ -10,6 +10,7 @@ import sys
 import sysconfig
 import venv
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,11 @@ import pytest
 import hd_control
 
 ROOT = Path(__file__).resolve().parents[1]
+OURS = {"hd_control", "hd_sim"}
+DISTRIBUTIONS = {"pinocchio": "pin", "yaml": "pyyaml"}
+"""Module -> package that brings it, where the names differ."""
+OPTIONAL = {"mujoco": {"hd_control/bench/peers.py"}, "pytest": {"hd_control/cli/test.py"}}
+"""Package of an extra -> the only files that may import it."""
 NODES = {"plant_node", "fusion_node", "motion_node", "torque_node", "recorder_node", "chain"}
 
 
@@ -46,15 +52,84 @@ def test_the_ros_package_is_complete() -> None:
     assert (ROOT / "resource" / "hd_control").is_file()
 
 
-def test_every_message_package_is_declared() -> None:
-    declared = {node.text for node in ElementTree.parse(ROOT / "package.xml").getroot().iter("exec_depend")}
-    used = set()
-    for path in [*ROOT.glob("hd_control/nodes/*.py"), *ROOT.glob("hd_sim/nodes/*.py")]:
-        used |= set(
-            re.findall(r"^\s*(?:from|import) (\w+_msgs|\w+_interfaces|rclpy)\b", path.read_text(), re.MULTILINE)
-        )
-    # Offered where it is installed, never required: the action of the trajectory goals.
-    assert used - {"control_msgs"} <= declared, f"missing in package.xml: {used - declared}"
+def declared(extra: str = "") -> set[str]:
+    """Names of the packages that pyproject.toml asks for at run time, or in an extra."""
+    text = (ROOT / "pyproject.toml").read_text()
+    block = re.search(rf"^{extra or 'dependencies'} = \[(.*?)\]$", text, re.MULTILINE | re.DOTALL)
+    assert block, extra
+    return {re.split(r"[<>=!\[]", name)[0] for name in re.findall(r'"([^"]+)"', block[1])}
+
+
+def in_package_xml() -> set[str]:
+    """What package.xml asks for at run time."""
+    return {str(node.text) for node in ElementTree.parse(ROOT / "package.xml").getroot().iter("exec_depend")}
+
+
+def imported(paths: Iterable[Path]) -> dict[str, set[str]]:
+    """Modules that files import and that are neither Python's nor ours, by their first name: files that do."""
+    found: dict[str, set[str]] = {}
+    for path in paths:
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module] if isinstance(node, ast.ImportFrom) and node.module else []
+            for name in {name.split(".")[0] for name in names} - set(sys.stdlib_module_names) - OURS:
+                found.setdefault(name, set()).add(str(path.relative_to(ROOT) if path.is_relative_to(ROOT) else path))
+    return found
+
+
+def from_ros(module: str) -> bool:
+    """Does the module come with ROS 2?"""
+    return module.startswith(("rcl", "launch", "ament_")) or module.endswith(("_msgs", "_srvs", "_interfaces"))
+
+
+def shipped_sources() -> list[Path]:
+    """What an installation runs."""
+    return [path for folder in ("hd_control", "hd_sim", "launch") for path in sorted((ROOT / folder).rglob("*.py"))]
+
+
+def dependency_problems(found: Mapping[str, set[str]], asked: set[str], ros: set[str]) -> list[str]:
+    """Imports that are not declared, declared packages without import. `asked`: pyproject.toml, `ros`: package.xml."""
+    problems = []
+    for module, files in found.items():
+        name = DISTRIBUTIONS.get(module, module)
+        if from_ros(module):
+            problems += [] if module in ros else [f"{module} is not in package.xml: {sorted(files)[0]}"]
+        elif name not in asked and not files <= OPTIONAL.get(name, set()):
+            problems.append(f"{name} is not in pyproject.toml: {sorted(files)[0]}")
+    used = {DISTRIBUTIONS.get(module, module) for module in found}
+    problems += [f"pyproject.toml asks for {name}, nothing imports it" for name in sorted(asked - used)]
+    rosdep = {f"python3-{name.removeprefix('py')}": name for name in asked} | {"pinocchio": "pin"}
+    return problems + [
+        f"package.xml asks for {name}, nothing imports it"
+        for name in sorted(ros)
+        if name not in found and rosdep.get(name) not in used
+    ]
+
+
+def test_every_dependency_is_imported_and_every_import_declared() -> None:
+    assert dependency_problems(imported(shipped_sources()), declared(), in_package_xml()) == []
+
+
+def test_build_and_tests_import_what_their_extras_bring() -> None:
+    for extra, files in (("build", [ROOT / "setup.py"]), ("test", [*(ROOT / "test").rglob("*.py")])):
+        beside = {path.stem for path in files} | {path.parent.name for path in files}
+        used = {DISTRIBUTIONS.get(m, m) for m in imported(files) if m not in beside and not from_ros(m)}
+        known = declared() | declared("build") | declared(extra) | set(OPTIONAL)
+        assert used <= known, f"{extra}: {used - known}"
+
+
+def test_the_check_of_dependencies_can_fail(tmp_path: Path) -> None:
+    path = tmp_path / "module.py"
+    path.write_text("import numpy as np\nfrom yaml import parse\ndef f():\n    import can, std_msgs.msg\n")
+    found = imported([path])
+    assert set(found) == {"numpy", "yaml", "can", "std_msgs"}
+    assert dependency_problems(found, {"numpy", "pyyaml", "lz4"}, {"python3-numpy", "python3-yaml", "launch"}) == [
+        f"can is not in pyproject.toml: {path}",
+        f"std_msgs is not in package.xml: {path}",
+        "pyproject.toml asks for lz4, nothing imports it",
+        "package.xml asks for launch, nothing imports it",
+    ]
+    assert dependency_problems({"numpy": {"a"}}, {"numpy"}, {"python3-numpy"}) == []
 
 
 def test_every_executable_exists() -> None:
