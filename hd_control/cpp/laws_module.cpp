@@ -120,7 +120,7 @@ int gate_of_arrays(const Array& command, const Array& ages, const Array& ticks, 
     const auto bounds = reads<GateLimits>(limits, joints, "limits");
     auto memory = continues<GateState>(state, new_state, joints);
     const std::size_t n = static_cast<std::size_t>(joints);
-    GateFaults faults{writable(fault_rows, n * kFaultsPerJoint * kFaultFields, "faults")};
+    FaultRows faults{writable(fault_rows, n * kFaultsPerJoint * kFaultFields, "faults"), joints * kFaultsPerJoint};
     SafetyGate gate{bounds, memory, faults, joints};
     gate.run(readable(command, n, "command"), readable(ages, n, "ages"), readable(ticks, n, "ticks"),
              writable(output, n, "output"));

@@ -4,11 +4,12 @@
 #include <cmath>
 
 #include "blocks.hpp"
+#include "fault_rows.hpp"
 
 namespace hd {
 
-// Compiled twin of hd_control/safety/gate.py: the same comparisons in the same order, bit for bit.
-// The Python text is the reference; read that one to know what the gate does and why.
+// The gate of one sample; what it does and why: hd_control/safety/gate.py, docs/equations/safety_gate.md. The tests hold
+// it against a plain re-statement, test/oracles/gate_law.py, bit for bit.
 
 #define HD_GATE_LIMITS(FIELD)                                                                \
     FIELD(age_limit, 0, "samples", "inputs of this age or older stop the robot")             \
@@ -36,36 +37,12 @@ HD_BLOCK(GateLimits, HD_GATE_LIMITS)
 HD_BLOCK(GateState, HD_GATE_STATE)
 
 constexpr double kLargestTick = 9007199254740992.0;  // 2^53: above it, ticks are no longer exact
-constexpr int kFaultFields = 5;                      // code, joint, value, limit, action
 constexpr int kFaultsPerJoint = 6;
-
-enum GateFault {
-    kStampStuck = 2,
-    kNotFinite = 4,
-    kNodeKilled = 18,
-    kTorqueLimited = 37,
-    kRateLimited = 38,
-    kRatePersistent = 39
-};
-enum GateAction { kReport = 1, kTorqueRamp = 4 };
-
-struct GateFaults {
-    double* rows;
-    int count = 0;
-    void add(int code, int joint, double value, double limit, int action) {
-        double* row = rows + kFaultFields * count++;
-        row[0] = code;
-        row[1] = joint;
-        row[2] = value;
-        row[3] = limit;
-        row[4] = action;
-    }
-};
 
 struct SafetyGate {
     const GateLimits& limits;
     GateState& state;
-    GateFaults& faults;
+    FaultRows& faults;
     const int joints;
 
     // 1. finite  2. tick  3. age. Returns the first stopping code of the joint, 0 if it is healthy.

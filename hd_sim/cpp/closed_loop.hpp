@@ -40,7 +40,7 @@ class GuardedSide {
         const hd::GuardLook look{command, no_age_.data(), ticks_.data(), last_tick_,    position,   velocity,
                                  low_,    low_ + n_,      low_ + 2 * n_, low_ + 3 * n_, age_limit_, hd::kLargestTick};
         if (!hd::guard_is_quiet(look, n_)) return false;
-        hd::GateFaults faults{rows_.data()};
+        hd::FaultRows faults{rows_.data(), hd::kFaultsPerJoint * n_};
         hd::SafetyGate gate{limits_, state_, faults, n_};
         gate.run(command, no_age_.data(), ticks_.data(), out);
         for (int j = 0; j < n_; ++j) last_tick_[j] = tick;

@@ -6,6 +6,7 @@
 #include "modes.hpp"
 #include "rigid.hpp"
 #include "sensors.hpp"
+#include "world.hpp"
 
 namespace hd_sim {
 
@@ -21,23 +22,6 @@ struct Options {
 // The transmission of one joint at the end of a step, from the constitutive law.
 struct Transmitted {
     double torque, torsion, hysteresis, kinematic, slope;
-};
-
-// The face that Python sees, whatever the number of joints.
-class World {
-  public:
-    virtual ~World() = default;
-    virtual void write_state(double* flat) const = 0;
-    virtual void read_state(const double* flat) = 0;
-    virtual void start(const double* pose, const double* torque, bool motor_side) = 0;
-    virtual void latch(const double* command) = 0;
-    virtual void advance() = 0;
-    virtual void sample(double* flat) = 0;
-    virtual void truth(double* flat) = 0;
-    virtual void brake(bool engage) = 0;
-    virtual void external(const double* joint_torque, const double* motor_torque) = 0;
-    virtual void accelerate(const double* q, const double* w, const double* torque, const double* armature,
-                            double* acceleration, double* inertia, double* bias) = 0;
 };
 
 template <int N>

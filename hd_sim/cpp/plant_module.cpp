@@ -3,6 +3,12 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <memory>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
 #include "closed_loop_face.hpp"
 #include "plant.hpp"
 
@@ -119,11 +125,13 @@ class Kernel {
         return py::make_tuple(acceleration, inertia, bias);
     }
 
-  private:
+    // For the drive side, which stands between the controller and this world.
+    py::capsule world() { return py::capsule(world_.get(), hd_sim::kWorldCapsule); }
     py::ssize_t size_of(const char* block) const {
         return static_cast<py::ssize_t>(hd::block_size(fields_of(block), joints_));
     }
 
+  private:
     template <class Fill>
     Array filled(const char* block, Fill fill) const {
         Array out(size_of(block));
@@ -171,5 +179,6 @@ PYBIND11_MODULE(_plant, m) {
         .def("truth", &Kernel::truth)
         .def("brake", &Kernel::brake)
         .def("external", &Kernel::external)
-        .def("accelerate", &Kernel::accelerate);
+        .def("accelerate", &Kernel::accelerate)
+        .def("world", &Kernel::world, py::keep_alive<0, 1>());
 }
