@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 
 import numpy as np
@@ -26,6 +27,8 @@ from hd_control.lab.maps.orders import (
 FloatArray = NDArray[np.float64]
 PERIOD, BAND, RATIO = 0.008, 38.0, 100.0
 Signal = Callable[[FloatArray, FloatArray], FloatArray]
+SEEDS = int(os.environ.get("HD_COUNT", "12"))
+"""Signals of each kind without a line; `hd test test/lab/test_orders.py --count 150` tries more."""
 
 
 def sweep(speed: float, seconds: float = 40.0) -> tuple[FloatArray, FloatArray]:
@@ -123,7 +126,7 @@ def coloured(kind: str, seed: int) -> Signal:
 @pytest.mark.parametrize("kind", ["white", "slow", "walk", "friction"])
 def test_no_line_where_there_is_none(kind: str) -> None:
     motions = [changing(), sweep(0.2), sweep(0.5)]
-    for seed in range(12):
+    for seed in range(SEEDS):
         noise = record(motions[seed % 3], coloured(kind, seed), noise=0.01)
         spectrum, lines = found([noise])
         assert spectrum.range[1] > 2.0 and lines == ()
