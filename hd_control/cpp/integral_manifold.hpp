@@ -170,7 +170,7 @@ struct ManifoldStep {
         return level + (h - level) * std::exp(-rate * std::fabs(way));
     }
 
-    // At the start the gauge tells it, within what the hysteresis can hold.
+    // At the start it follows from the gauge, within what the hysteresis can hold.
     double first_hysteresis(double joint_torque, double torsion) const {
         const double rest = joint_torque - spring(torsion);
         if (p.hysteresis_rate[j] == 0.0 || !std::isfinite(rest)) return 0.0;
