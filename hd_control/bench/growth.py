@@ -1,4 +1,7 @@
-"""How the figures grow with joints, rate and length of a recording: one figure at several sizes."""
+"""How the figures of `hd bench` grow with joints, rate and length of a recording, as points and as one picture.
+
+Each point is one figure measured at one size; `growth_figure` draws them, both axes logarithmic.
+"""
 
 from __future__ import annotations
 
@@ -128,8 +131,7 @@ def _ring_over_rate(seconds: float, notes: list[str]) -> Iterator[Point]:
         yield Point("ring_p50", "Hz", rate, result.p50, "us")
 
 
-# ----------------------------------------------------------------------------------------------------
-# The curves of `hd bench --growth` as one picture: a field for each axis, both logarithmic.
+# ---- The picture: a field for each axis ------------------------------------------------------------
 
 
 FIELDS: tuple[tuple[str, tuple[str, ...]], ...] = (

@@ -1,6 +1,7 @@
-"""Peers of the compiled plant for `hd bench`: each returns a callable that advances one simulated millisecond.
+"""Peers of the compiled plant for `hd bench`: callables that advance one simulated millisecond.
 
 They are the same arm at the same substep, not the same physics in every detail; the docstrings say what each one does.
+`SlowPlant` is also the plain form against which the tests check the compiled kernel.
 """
 
 from __future__ import annotations
@@ -17,8 +18,7 @@ from hd_control.core.errors import ConfigError
 from hd_sim.plant import Plant
 from hd_sim.plant_config import PlantConfig
 
-# ----------------------------------------------------------------------------------------------------
-# The basic drive once more, slow and plain: numpy arrays and Pinocchio's forward dynamics, step by step.
+# ---- The basic drive once more, slow and plain: numpy arrays and Pinocchio's forward dynamics ------
 #
 # It shares no code with the compiled kernel and is used to check it and as its peer in benchmarks. Covered: set-valued
 # Coulomb friction with offset, load, Stribeck and viscous terms, kinematic error, polynomial spring, exact hysteresis,
@@ -172,7 +172,7 @@ def _line(
     return np.where(crossing, reverses[0], slides[0]), np.where(crossing, reverses[1], slides[1])
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The peers themselves: compiled, numpy, MuJoCo -------------------------------------------------
 
 
 Advance = Callable[[], None]

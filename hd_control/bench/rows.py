@@ -1,4 +1,9 @@
-"""Laws, chain and runner: µs per tick for seven joints, and how much faster than real time the whole robot runs."""
+"""The rows of `hd bench`, group by group: live graph, laws and runner, decoding, plant, replay.
+
+Live: ring times at 1 kHz over four processes and lock-step ticks per second, on the wall. Laws and chain: microseconds
+per tick for seven joints. Decoding: messages per second from CDR to columns, beside rosbags. Plant: microseconds per
+simulated millisecond, beside numpy and MuJoCo. Replay: processor time per joint and second of the recording.
+"""
 
 from __future__ import annotations
 
@@ -26,8 +31,7 @@ from hd_sim.plant_config import PlantConfig
 from hd_sim.recording import JOINT_TOPICS, RunRecording
 from hd_sim.runner import Runner, RunSetup
 
-# ----------------------------------------------------------------------------------------------------
-# The live graph: ring times at 1 kHz over four processes, lock-step ticks per second, start of the command line.
+# ---- Live graph ------------------------------------------------------------------------------------
 
 
 def ring_rows(runs: int, seconds: float) -> list[Result]:
@@ -70,7 +74,7 @@ def start_rows(runs: int) -> list[Result]:
     return [summarise("cli_start", "s", samples)]
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- Laws, chain and runner ------------------------------------------------------------------------
 
 
 WARM_TICKS = 300
@@ -153,8 +157,7 @@ def lockstep_row(runs: int, ticks: int = 2000) -> list[Result]:
     return [summarise("lockstep_pure", "x real time", samples)]
 
 
-# ----------------------------------------------------------------------------------------------------
-# Reading bags: messages per second from CDR to columns, beside rosbags raw and deserialised.
+# ---- Reading bags ----------------------------------------------------------------------------------
 
 
 RECORD_TICKS = 4000
@@ -223,8 +226,7 @@ def _rosbags_deserialised(path: Path) -> int:
     return count
 
 
-# ----------------------------------------------------------------------------------------------------
-# The compiled plant beside numpy and MuJoCo: µs per simulated millisecond, seven joints, arm A in motion.
+# ---- Plant -----------------------------------------------------------------------------------------
 
 
 def plant_rows(runs: int) -> tuple[list[Result], list[str]]:
@@ -250,8 +252,7 @@ def _repeat(call: Callable[[], None], times: int) -> Callable[[], None]:
     return repeated
 
 
-# ----------------------------------------------------------------------------------------------------
-# Replay of a recording through the laws: processor time per joint and second of the recording.
+# ---- Replay ----------------------------------------------------------------------------------------
 
 
 REPLAY_TICKS = 2000

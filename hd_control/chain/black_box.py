@@ -1,6 +1,7 @@
-"""Black box: the last seconds of every signal of a process in memory; a stop keeps them, with one second after it.
+"""Black box: the last seconds of every signal of a process, and every fault, in memory; a stop keeps them.
 
-The loop only copies numbers into a ring. Whoever lives outside the loop takes finished incidents and may write them
+The loop only copies numbers into a ring; `FaultBook` merges faults by code and joint. A stop keeps the ring with one
+second after it. Whoever lives outside the loop takes finished incidents and may write them
 (`hd_control.record.black_box_files`); what nobody takes stays here, at most `KEPT`, the oldest is given up first.
 """
 
@@ -130,8 +131,7 @@ def words(cause: Cause, joint_names: Sequence[str]) -> tuple[str, str]:
     return FaultCode.EXCEPTION.number, FaultCode.EXCEPTION.line(f"{cause!r}\n{lines}")
 
 
-# ----------------------------------------------------------------------------------------------------
-# Faults of a loop, merged: the first of each code and joint with its numbers, and how often. Text is made outside.
+# ---- Faults of a loop: the first of each code and joint with its numbers, and how often; text is made outside ----
 
 
 class FaultBook:

@@ -1,4 +1,7 @@
-"""The chain of one robot without ROS: fusion, motion and torque stage in the order in which their messages arrive."""
+"""The chain of one robot without ROS: three stages in the order in which their messages arrive; their parameters.
+
+Shipped parameter values come from `config/nodes.yaml` and `config/<node>.yaml`.
+"""
 
 from __future__ import annotations
 
@@ -50,8 +53,7 @@ def chain_stages(robot: Robot, period: float, values: Values, limits: SafetyLimi
     return found
 
 
-# ----------------------------------------------------------------------------------------------------
-# Parameters that every node has, and where shipped values come from: `config/nodes.yaml` and `config/<node>.yaml`.
+# ---- Parameters that every node has, and shipped values --------------------------------------------
 
 
 CHAIN_PARTS = ("fusion", "motion", "torque")

@@ -5,8 +5,9 @@ values = complete_values(bag)
 made = replay(bag, values)
 differences(bag, made)
 
-Pure: no ROS, no clock. The stages are those that nodes and runner run; an unchanged recording of the runner gives the
-same numbers bit for bit.
+Only ticks at which every sensor was recorded are taken, as the nodes do: they act on complete ticks only. Pure: no ROS,
+no clock. The stages are those that nodes and runner run; an unchanged recording of the runner gives the same numbers
+bit for bit.
 """
 
 from __future__ import annotations
@@ -34,10 +35,7 @@ from hd_control.record.columns import Columns
 from hd_control.record.reader import BagReader
 from hd_control.safety.limits import safety_limits
 
-# ----------------------------------------------------------------------------------------------------
-# A recording as input of the chain: samples by tick, temperatures, goals, parameters, and the outputs to compare.
-#
-# Only ticks at which every sensor was recorded are taken, as the nodes do: they act on complete ticks only.
+# ---- A recording as input of the chain: samples by tick, temperatures, goals, parameters, outputs to compare ----
 
 
 OUTPUTS = (topics.JOINT_STATES, topics.MOTOR_STATES, topics.REFERENCE, topics.REQUIRED, topics.COMMAND)
@@ -253,7 +251,7 @@ def _values_of(bag: BagReader) -> tuple[dict[str, dict[str, Any]], tuple[str, ..
     return found, tuple(notes)
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The replay and its differences ----------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,8 @@
-"""A law at its place in the chain: arrays of topics in, arrays of topics out. Knows no ROS and reads no clock."""
+"""A law at its place in the chain: arrays of topics in, arrays of topics out, parameters that change without a jump.
+
+Knows no ROS and reads no clock. `Stage` runs one law per tick; `ModelRamp` leads its parameters and start values from
+one block to another while it runs.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +17,7 @@ from hd_control.core.blocks import Block
 from hd_control.core.robot import Robot
 from hd_control.core.topics import Place
 
-# ----------------------------------------------------------------------------------------------------
-# A change of parameters while the law runs: parameters and start values go over to the new ones without a jump.
+# ---- A change of parameters while the law runs -----------------------------------------------------
 #
 # A law module says with `MODEL_FIELDS` which fields of its parameter block are a model of the drive, and with
 # `START_VALUES` which field of its state starts at which of them. These ramp over `RAMP_TIME`; every other field that
@@ -95,7 +98,7 @@ def ramp_to(law: Any, before: Block, after: Block, state: Block | None, dt: floa
     return ModelRamp(law, before, after, state, dt)
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The stage -------------------------------------------------------------------------------------
 
 
 Bus = dict[str, dict[str, FloatArray]]

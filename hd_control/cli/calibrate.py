@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Writes the parameter file; 0 done, 3 if the bag could be read in part only. Refuses a turn that does not determine them."""
+    """Writes the parameter file; 0 done, 3 if the bag could be read in part only. Refuses a turn that cannot decide."""
     from pathlib import Path
 
     from hd_control.cli.options import refuse_overwrite, say, write_json

@@ -1,4 +1,7 @@
-"""`hd demo`: the whole story on live nodes. A robot hides an effect; it is found, added, and the robot moves better."""
+"""`hd demo`: a robot on live nodes hides an effect; it is recorded, diagnosed, added, and the robot moves better.
+
+`--track-only` hides nothing: one motion on live nodes, its recording, and how well it was followed.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +17,7 @@ if TYPE_CHECKING:
     from hd_sim.scenario import Plan
 
 
-# ----------------------------------------------------------------------------------------------------
-# `hd demo --track-only`: a live robot moves, is recorded, and shows how well it followed; nothing is hidden.
+# ---- The command with `--track-only` ---------------------------------------------------------------
 
 
 PAPER_JOINT_3 = 4.88e-4
@@ -204,7 +206,7 @@ def node_lines(nodes: dict[str, dict[str, str]]) -> list[str]:
     return lines
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The command -----------------------------------------------------------------------------------
 
 
 NAME = "demo"

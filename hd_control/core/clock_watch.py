@@ -1,6 +1,6 @@
 """F15: jumps of the system clock, seen against the steady clock. Time is an argument; the caller reads the clocks.
 
-Control uses neither clock, so a jump has no effect on it; it is reported because the stamps of other programs may be wrong.
+Control uses neither clock, so a jump has no effect on it; it is reported because the stamps of other programs may lie.
 """
 
 from __future__ import annotations

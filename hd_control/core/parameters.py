@@ -1,7 +1,7 @@
 """Parameters: default, unit, symbol, bounds and source in one place.
 
 A `ParameterSet` belongs to a node or a law. The same list validates a file, declares the ROS parameters, refuses a bad
-live change, bounds a fit and fills the tables of the documentation.
+live change, bounds a fit and fills the tables of the documentation. ROS params files are written from it, too.
 """
 
 from __future__ import annotations
@@ -173,8 +173,7 @@ class ParameterSet:
         return FaultCode.PARAM_MOVING.line("; ".join(found), self.owner) if found else ""
 
 
-# ----------------------------------------------------------------------------------------------------
-# ROS params files as text: numbers as ROS reads them, and an existing file with some values changed.
+# ---- ROS params files as text: numbers as ROS reads them, and an existing file with some values changed ----
 
 
 def yaml_value(value: Any) -> str:

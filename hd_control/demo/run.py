@@ -1,8 +1,10 @@
-"""The steps of the story, one after the other. The seal is written first and opened last.
+"""The steps of the demo, one after the other. The seal is written first and opened last.
 
     outcome = run_demo(make_story(seed=0), Path("bags/demo"), DemoOptions(lockstep=True), print)
 
-Ctrl-C at any step ends every process; what is finished stays, and the exception names it.
+Steps that are `hd` commands run as a user would run them, in processes that know no more than a user. Before the first
+step it is made sure that no other demo runs, that a ROS domain is free and that the disk has room. Ctrl-C at any step
+ends every process; what is finished stays, and the exception names it.
 """
 
 from __future__ import annotations
@@ -39,8 +41,7 @@ from hd_sim.puzzles.puzzle import score_joint
 from hd_sim.runner import RunSetup
 from hd_sim.truth import open_seal
 
-# ----------------------------------------------------------------------------------------------------
-# Steps of the story that are `hd` commands of their own: run as a user would, in a process that knows no more.
+# ---- Steps that are `hd` commands of their own -----------------------------------------------------
 
 
 PATIENCE = 600.0
@@ -95,8 +96,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
             process.wait(3.0)
 
 
-# ----------------------------------------------------------------------------------------------------
-# What must be right before a story starts: alone on this machine, a free ROS domain, room on the disk.
+# ---- What must be right before the first step ------------------------------------------------------
 
 
 DOMAINS = range(1, 101)
@@ -168,7 +168,7 @@ def enough_disk(folder: Path, seconds: float, joints: int) -> None:
         )
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The steps -------------------------------------------------------------------------------------
 
 
 SEAL, DIAGNOSIS, BETTER, CONTROLLERS = "truth.seal", "diagnosis.json", "better.yaml", "controllers"

@@ -133,7 +133,7 @@ RIPPLE = ("cosine_2", "sine_2", "cosine_4", "sine_4")
 MOVING, SLOW = 2e-3, 60.0
 """rad/s of the joint below which its direction is not known; rad/s of the rotor above which a turn is not slow."""
 TURNS, BLOCKS, GAIN_ERROR, WARM = 2.0, 20, 0.01, 5.0
-"""Turns of the wave generator that are needed; blocks of time; largest error of the gain; K from which a drift is fitted."""
+"""Needed turns of the wave generator; blocks of time; largest error of the gain; K from which a drift is fitted."""
 
 
 @dataclass(frozen=True)

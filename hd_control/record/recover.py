@@ -3,7 +3,7 @@
     report = recover("bags/killed", "bags/killed_recovered")
     report.lost, report.problems
 
-The original is only read. The new bag is re-read and compared before it appears; it says to readers what is missing in it.
+The original is only read. The new bag is re-read and compared before it appears; it lists what is missing.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The shell entry ./hd on machines where something is missing: one line with the remedy, exit code 2, nothing half-made."""
+"""The shell entry ./hd where something is missing: one line with the remedy, exit code 2, nothing half-made."""
 
 from __future__ import annotations
 

@@ -186,7 +186,7 @@ def test_an_activation_during_the_wait_never_makes_a_tick_of_its_own() -> None:
 
 
 def test_the_recorder_reports_its_slowest_topic() -> None:
-    """A lock-step plant runs at most the recorder's lag ahead of what is reported: a topic that is late must hold it back,
+    """A lock-step plant runs at most the recorder's lag ahead of what is reported: a late topic must hold it back,
     or its publisher overwrites what was not delivered yet."""
     from hd_control.nodes.recorder_node import NEEDED, RecorderTurn
     from hd_control.record.schema import joint_state_codec

@@ -1,8 +1,8 @@
 """Seeded damage of recordings, class by class, and what must hold for each case.
 
 A case is a number: `check_case(folder, bags, number)` makes the damage, reads the bag in every way, and raises
-AssertionError with the case's text if anything but a BagError leaves the reader, if a bag in which something is missing says it
-is complete, if an untouched chunk is not read, or if the original changes.
+AssertionError with the case's text if anything but a BagError leaves the reader, if a bag with something missing says
+it is complete, if an untouched chunk is not read, or if the original changes.
 """
 
 from __future__ import annotations

@@ -51,7 +51,7 @@ COMMAND_DELAY_PRIOR = 3e-5
 TONE_ORDERS = (1, 2)
 """Harmonics of the encoder's counts that matter in the rotor balance."""
 LEAST_ROWS = 250
-"""A channel with fewer rows in motion that can be whitened is left out: its noise cannot be separated from what is missing."""
+"""A channel with fewer rows in motion that can be whitened is left out: noise and what is missing are not separable."""
 
 DAMPING_ROUNDS = 3
 

@@ -1,7 +1,8 @@
-"""Nominal link terms of every joint of a recording, with the measured motion of all joints.
+"""Torque of the links along a recording, with the measured motion of all joints: columns of a balance, or one series.
 
 The regressors of added bodies are taken without accelerations: an acceleration on the right side is a noisy regressor,
 and beside the inertia on the left it is an identity. Inertia that a payload adds shows in the scale b of the balance.
+`link_torque` is the joint torque that the links need, for calibrations.
 """
 
 from __future__ import annotations
@@ -110,8 +111,7 @@ def _position(signals: JointSignals | None, gear_ratio: float) -> FloatArray | N
     return None if shaft is None else fill_gaps(shaft) / gear_ratio
 
 
-# ----------------------------------------------------------------------------------------------------
-# Joint torque that the links need along a recording, with the motion that belongs to it, for calibrations.
+# ---- The joint torque as one series ----------------------------------------------------------------
 
 
 def link_torque(model: Model, joints: Mapping[str, JointSignals], joint: str) -> tuple[FloatArray, FloatArray]:

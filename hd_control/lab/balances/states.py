@@ -1,6 +1,8 @@
 """From one joint's signals to the state of its drive: lightly filtered, zero phase, with the masks of what is usable.
 
 Nonlinear columns are formed from these states at the rate of the recording; the channels filter the columns afterwards.
+Rows at which the counts of an angle are a tone, or repeat with the motion, are not usable: only elsewhere is the error
+of the counts white noise.
 """
 
 from __future__ import annotations
@@ -156,8 +158,7 @@ def _taper(taper: tuple[float, float], period: float) -> tuple[float, float]:
     return band.flat, band.zero
 
 
-# ----------------------------------------------------------------------------------------------------
-# The counts of an angle: where their error is white noise, and where it is a tone or repeats with the motion.
+# ---- The counts of an angle ------------------------------------------------------------------------
 
 
 FEW_COUNTS, FEW_COUNTS_S = 10, 0.1

@@ -53,8 +53,8 @@ def diagnose(task: Task, dictionary: Dictionary | None = None) -> JointDiagnosis
 
 
 def _compliance_error(search: Search, selection: Selection) -> float:
-    """How well the motion determines the compliance: beside a law or curve of the torsion over torque it is one number of
-    several of a curve, and says nothing of the motion."""
+    """How well the motion determines the compliance: beside a law or curve of the torsion over torque it is one number
+    of several of a curve, and says nothing of the motion."""
     bare = tuple(g for g in selection if TRANSMISSION not in g.channels or not _bends(g))
     return Fit.of(search.dictionary, search.scores, bare).relative_error(TRANSMISSION, "torsional_compliance")
 

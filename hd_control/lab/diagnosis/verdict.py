@@ -1,4 +1,7 @@
-"""What a diagnosis says of one joint: values only, in the words of `interfaces` (schema hd.diagnosis/1)."""
+"""What a diagnosis says of one joint, values only (schema hd.diagnosis/1), and what else would explain the data.
+
+`rivals` gives for a name what the best other explanation would lose; the dataclasses below hold the answer.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +16,7 @@ from hd_control.lab.diagnosis.coverage import Coverage
 from hd_control.lab.diagnosis.fit import Fit, Interval
 from hd_control.lab.diagnosis.search import Search, Selection
 
-# ----------------------------------------------------------------------------------------------------
-# How sure is a name: what the best other explanation of the same data would lose.
+# ---- What the best other explanation of the same data would lose -----------------------------------
 
 
 RESAMPLES = 200
@@ -65,7 +67,7 @@ def rivals(search: Search, selection: Selection, group: Group, seed: int = 0) ->
     return found
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The answer ------------------------------------------------------------------------------------
 
 
 ADEQUATE, MISSING, UNKNOWN = "adequate", "missing", "unknown"

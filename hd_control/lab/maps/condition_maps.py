@@ -1,8 +1,9 @@
-"""Where a residual is large: its statistics over speed, load, angles, reversals, temperature and time.
+"""Where a residual is large: statistics over speed, load, angles, reversals, temperature and time; one sentence.
 
 Direction is always split: a mean over both directions hides friction. Empty bins stay empty (NaN), they are never
 filled from their neighbours; bins with few independent samples are marked. Every bin says which share of the error it
-holds, so that the reader sees what matters and not only what is large.
+holds, so that the reader sees what matters and not only what is large. `sentence` says in plain words where the error
+of a channel sits.
 """
 
 from __future__ import annotations
@@ -254,8 +255,7 @@ def worst(maps: ChannelMaps, limit: int = 8) -> list[dict[str, Any]]:
     return sorted(found, key=lambda item: -item["share_of_error"])[:limit]
 
 
-# ----------------------------------------------------------------------------------------------------
-# One plain sentence that says where the error of a channel sits, from its condition maps.
+# ---- The sentence ----------------------------------------------------------------------------------
 
 
 NAMES = {

@@ -1,8 +1,11 @@
-"""Order spectrum: amplitude of a residual or torque over cycles per turn, and the lines that stand out of it.
+"""Order spectrum: amplitude of a residual or torque over cycles per turn; the lines that stand out of it, with names.
 
 The signal is averaged over cells of equal angle, so that a line keeps its order while the speed changes. Passes of one
 direction are cut into stretches of equal angle, windowed (Hann) and averaged in power; both directions stay apart. An
 order is judged only at speeds at which its frequency lies inside the band of the channel.
+
+A line is bound to the angle only if its order stays put while the speed changes; a line fixed in hertz is a resonance
+or a disturbance. Orders closer than the resolution 1 / turns are not separable: all their names are listed.
 """
 
 from __future__ import annotations
@@ -285,11 +288,7 @@ def _summit(orders: FloatArray, amplitude: FloatArray, i: int) -> tuple[float, f
     return float(orders[i] + shift * (orders[1] - orders[0])), float(np.exp(b - 0.25 * (a - c) * shift))
 
 
-# ----------------------------------------------------------------------------------------------------
-# Names of order lines, and whether a line is bound to the angle or to time.
-#
-# A line is bound to the angle only if its order stays put while the speed changes; a line fixed in hertz is a resonance
-# or a disturbance. Orders closer than the resolution 1 / turns are not separable: all their names are listed.
+# ---- Lines: names, and whether they are bound to the angle or to time ------------------------------
 
 
 ANGLE, HERTZ, ONE_SPEED, OPEN = "angle", "hertz", "one speed", "open"

@@ -1,4 +1,7 @@
-"""From a recording and a model to answers, joint by joint. What commands and pages call."""
+"""From a recording and a model to answers, joint by joint: what commands and pages call.
+
+A diagnosis, a comparison, and the residuals as series on the bag's clock for plotting tools.
+"""
 
 from __future__ import annotations
 
@@ -123,8 +126,7 @@ def compare_task(task: Task, model: Model, joint: str, noises: Mapping[str, Nois
     return compare(task, written_coefficients(first.dictionary, model.joint(joint), task.context), noises)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Residual channels as series for plotting tools: what is measured and what the model leaves, on the bag's clock.
+# ---- Residual channels as series -------------------------------------------------------------------
 
 
 NS = 1_000_000_000

@@ -1,4 +1,8 @@
-"""How well a model explains a recording of one joint, channel by channel, as written and after refitting its values."""
+"""How well a model explains a recording of one joint, channel by channel, as written and after refitting its values.
+
+Beside the balances stand free runs (how far off a prediction is after 0.5 s and after 5 s) and, for order spectra, the
+transmission over its widest band.
+"""
 
 from __future__ import annotations
 
@@ -26,9 +30,10 @@ from hd_control.lab.maps.orders import OrderRecord, channel_record
 from hd_control.lab.signals.filters import band_for
 from hd_control.lab.signals.joint_signals import JointSignals
 
-# ----------------------------------------------------------------------------------------------------
-# The transmission's residual over the widest band, for order spectra: a fit wants the band in which the torque stands
-# out of the noise, a line of an order wants every speed at which it can be seen.
+# ---- The transmission over its widest band ---------------------------------------------------------
+#
+# A fit wants the band in which the torque stands out of the noise, a line of an order wants every speed at which it
+# can be seen.
 
 
 def order_record(fit: Fit, name: str, coefficients: FloatArray) -> OrderRecord:
@@ -58,8 +63,7 @@ def with_wide_transmission(equations: JointEquations) -> JointEquations:
     return replace(equations, channels={**equations.channels, TRANSMISSION: wide})
 
 
-# ----------------------------------------------------------------------------------------------------
-# Free runs of a model against a recording: how far off a prediction is after 0.5 s and after 5 s.
+# ---- Free runs -------------------------------------------------------------------------------------
 
 
 SIGNALS = (
@@ -108,7 +112,7 @@ def horizons(task: Task, signals: JointSignals, joint: JointModel, side: LinkSid
     return Horizons(runs)
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The comparison --------------------------------------------------------------------------------
 
 
 NUISANCES = ("transmission_zero", FAST, "joint_delay", "torque_delay", "command_delay")

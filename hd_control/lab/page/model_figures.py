@@ -1,4 +1,4 @@
-"""What was gained and how sure it is: error ladder, confidence bars, free-run error over the horizon."""
+"""Pictures of models beside data: error ladder, confidence, free run, overlay of one balance, replayed outputs."""
 
 from __future__ import annotations
 
@@ -166,8 +166,7 @@ def horizon_figure(curves: Sequence[HorizonCurve], title: str, height: int = 340
     return {"data": traces, "layout": result}
 
 
-# ----------------------------------------------------------------------------------------------------
-# Overlay of measurement and models with the residual below, whole or in one window.
+# ---- A balance: measurement and models with the residual below, whole or in one window -------------
 
 
 LEFT_SIDES = {
@@ -226,8 +225,7 @@ def _band(height: float) -> dict[str, object]:
     }  # fmt: skip
 
 
-# ----------------------------------------------------------------------------------------------------
-# What a replay commanded beside what was recorded: both lines of the joint that differs most, and every difference.
+# ---- A replay: the joint that differs most beside what was recorded, and every difference ----------
 
 
 UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m"}

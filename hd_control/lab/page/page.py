@@ -1,4 +1,7 @@
-"""One self-contained page of a recording and its models: verdict first, then pictures, then tables. Works offline."""
+"""One self-contained page of a recording and its models: verdict first, then pictures, then tables. Works offline.
+
+Nothing is fetched: style and script stand in the page, and its own rules forbid any connection.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +22,7 @@ from hd_control.lab.page.residual_figures import heat_figure, largest_rms, map_f
 from hd_control.lab.page.style import CHANNELS, Figure
 from hd_control.lab.page.words import BADGES, confidence_bars, headline, plain_name, reasons
 
-# ----------------------------------------------------------------------------------------------------
-# Style and script of report pages. Nothing is fetched: the page's own rules forbid any connection.
+# ---- Style and script ------------------------------------------------------------------------------
 
 
 POLICY = (
@@ -108,8 +110,7 @@ SCRIPT = """
 """A picture is drawn when it comes near the screen; `#all` behind the address draws everything at once."""
 
 
-# ----------------------------------------------------------------------------------------------------
-# Pieces of a report page: escaped text, tables, lists, and the place of a figure with its data.
+# ---- Pieces: escaped text, tables, lists, the place of a figure with its data ----------------------
 
 
 class Figures:
@@ -195,7 +196,7 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{value:.{digits}g}"
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The page --------------------------------------------------------------------------------------
 
 
 SHOWN_MAPS = 3

@@ -1,4 +1,4 @@
-"""PNG files of the key figures of a report, all drawn in one run of an installed browser."""
+"""PNG files of the key figures of a report, all drawn in one run of an installed browser without a window."""
 
 from __future__ import annotations
 
@@ -24,8 +24,7 @@ from hd_control.lab.page.residual_figures import map_figure, order_figure
 from hd_control.lab.page.style import Figure
 from hd_control.lab.page.words import confidence_bars
 
-# ----------------------------------------------------------------------------------------------------
-# Pictures of pages by an installed browser without a window: for `--png` and for looking at what was drawn.
+# ---- The browser -----------------------------------------------------------------------------------
 
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
@@ -111,7 +110,7 @@ def _run(address: str, *options: str) -> subprocess.CompletedProcess[str]:
             raise HdError(f"{command[0]}: cannot be started ({error.strerror})") from None
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The key figures -------------------------------------------------------------------------------
 
 
 WIDTH, SCALE = 900, 2

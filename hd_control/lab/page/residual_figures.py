@@ -1,4 +1,4 @@
-"""Condition maps as pictures: curves split by direction over one variable, and heat maps over speed and load."""
+"""Pictures of a residual: condition maps split by direction, heat maps over speed and load, the order spectrum."""
 
 from __future__ import annotations
 
@@ -167,8 +167,7 @@ def largest_rms(item: SpeedLoadMap) -> float:
     return float(np.max(item.bins.rms, initial=0.0, where=np.isfinite(item.bins.rms)))
 
 
-# ----------------------------------------------------------------------------------------------------
-# Order spectrum as a picture: both directions, their floors, and the lines with their names.
+# ---- Order spectrum: both directions, their floors, the lines with their names ---------------------
 
 
 LABELS = 8

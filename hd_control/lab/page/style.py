@@ -1,7 +1,8 @@
 """What all pictures share: a figure as plain data of plotly.js (`data`, `layout`), colours, axes, packed numbers.
 
 A figure is a dictionary, so it costs nothing to build and goes into pages, tests and `plotly.graph_objects.Figure`
-alike. Long series are thinned with their extremes kept; rows that do not count are gaps.
+alike. Long series are thinned with their extremes kept; rows that do not count are gaps. `write_page` makes a page of
+Plotly figures alone.
 """
 
 from __future__ import annotations
@@ -16,8 +17,7 @@ from numpy.typing import NDArray
 from hd_control.core.arrays import BoolArray, FloatArray
 from hd_control.core.files import write_whole
 
-# ----------------------------------------------------------------------------------------------------
-# Pictures of recordings: Plotly figures, built once here, shown in pages. Long series are thinned, extremes kept.
+# ---- A page of Plotly figures ----------------------------------------------------------------------
 
 
 POINTS = 2000
@@ -42,7 +42,7 @@ def write_page(figure: Any, path: Path) -> Path:
     return path
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- A figure as plain data ------------------------------------------------------------------------
 
 
 Figure = dict[str, Any]

@@ -18,8 +18,7 @@ from hd_control.lab.signals.joint_signals import JointSignals
 from hd_control.lab.signals.recording import MEASURED
 from hd_control.lab.signals.sources import DEGREE
 
-# ----------------------------------------------------------------------------------------------------
-# Checks of single columns of a joint: wraps, units, stuck and saturated signals, temperatures; as sentences.
+# ---- Single columns: wraps, units, stuck and saturated signals, temperatures -----------------------
 
 
 POSITIONS = ("motor_shaft_position", "joint_position")
@@ -177,7 +176,7 @@ def torque_units(signals: JointSignals, gear_ratio: float, rated_torque: float |
     return found
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- Columns against each other: gear ratio, signs, scale of the torque ----------------------------
 
 
 SHORTEST = 2.0

@@ -4,7 +4,8 @@
     u(t + D) = tau_s + I phi'' + friction
     tau_s(t + D) = J q'' + g(q) + friction
 
-The shift is exact (in the frequency domain); what is left at each shift follows from one projection.
+The shift is exact (in the frequency domain); what is left at each shift follows from one projection. `SlowRows` are the
+signals at low frequency with exact derivatives and shifts, of which checks of signs and units are made, too.
 """
 
 from __future__ import annotations
@@ -18,9 +19,7 @@ from hd_control.core.arrays import BoolArray, FloatArray
 from hd_control.lab.signals.filters import EDGE_S, Band, Spectral, band_for, fill_gaps
 from hd_control.lab.signals.joint_signals import JointSignals
 
-# ----------------------------------------------------------------------------------------------------
-# Signals of one joint at low frequency, with exact derivatives and shifts in time: what checks of signs, units and
-# delays are made of.
+# ---- Signals at low frequency ----------------------------------------------------------------------
 
 
 BAND = (8.0, 12.0)
@@ -141,7 +140,7 @@ def _independent(residual: FloatArray) -> float:
     return total
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The shifts ------------------------------------------------------------------------------------
 
 
 LONGEST_S, STEP_S = 0.1, 2e-3

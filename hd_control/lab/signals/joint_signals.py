@@ -1,4 +1,7 @@
-"""What the analysis reads of a recording: one joint's aligned columns, and the joints of a recording together."""
+"""What the analysis reads of a recording: one joint's aligned columns, and the joints of a recording together.
+
+Long recordings are read at a lower rate, so that an hour costs no more memory than a fraction of it.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +13,7 @@ import numpy as np
 
 from hd_control.core.arrays import BoolArray, FloatArray
 
-# ----------------------------------------------------------------------------------------------------
-# Long recordings at a lower rate, so that an hour costs no more memory than a fraction of it.
+# ---- The lower rate --------------------------------------------------------------------------------
 #
 # Only odd factors: the middle of a block of held values is then a sample, and the held value of the block
 #
@@ -68,7 +70,7 @@ def decimate(values: FloatArray, factor: int, held: bool) -> FloatArray:
     return low
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The columns -----------------------------------------------------------------------------------
 
 
 SIGNALS = (

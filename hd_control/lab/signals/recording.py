@@ -4,7 +4,9 @@
     recording.joints["joint_3"].gauge_torque        # (n,) N m, NaN inside gaps
     recording.problems, recording.notes             # what could not be read; what was repaired
 
-Nothing but the bag (and the mapping) is opened; other files beside it are not looked at.
+A short topic is read once, a long one a few columns at a time; the collector goes through the topics one by one, aligns
+every joint's columns, and notes whatever is odd. Nothing but the bag (and the mapping) is opened; other files beside it
+are not looked at.
 """
 
 from __future__ import annotations
@@ -25,8 +27,7 @@ from hd_control.lab.signals.time_base import NS, SLOWEST, Alignment, TimeBase, l
 from hd_control.record.columns import Columns, has_fixed_layout
 from hd_control.record.reader import BagReader
 
-# ----------------------------------------------------------------------------------------------------
-# The columns of a topic for the analysis: a short topic is read once, a long one a few columns at a time.
+# ---- The columns of a topic ------------------------------------------------------------------------
 
 
 MOST_VALUES = 8_000_000
@@ -144,8 +145,7 @@ def _values(block: Columns, field: str, names: Sequence[str]) -> FloatArray:
     return found
 
 
-# ----------------------------------------------------------------------------------------------------
-# Goes through the topics of a bag one by one and keeps every joint's columns, aligned; whatever is odd is noted.
+# ---- The collector ---------------------------------------------------------------------------------
 
 
 Rows = IntArray | slice
@@ -375,7 +375,7 @@ def _remarks(joint: FoundJoint, valid: BoolArray, period: float) -> list[str]:
     return found
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The recording ---------------------------------------------------------------------------------
 
 
 DESCRIPTION, ATTACHED_DESCRIPTION = "robot_description", "robot.urdf"

@@ -1,4 +1,7 @@
-"""Where each signal of a joint comes from: topic, field, unit, sign. The topics of this package, or a foreign bag's."""
+"""Where each signal of a joint comes from: topic, field, unit, sign. The topics of this package, or a foreign bag's.
+
+A mapping file (`--map`) turns foreign topics, fields, columns, joint names, signs and units into this project's.
+"""
 
 from __future__ import annotations
 
@@ -141,8 +144,7 @@ STANDARD = _standard()
 """The topics of this package (docs/reference/nodes.md)."""
 
 
-# ----------------------------------------------------------------------------------------------------
-# The mapping file (`--map`): foreign topics, fields, columns, joint names, signs and units become this project's.
+# ---- The mapping file ------------------------------------------------------------------------------
 #
 #     joints: {joint_1: axis_a1, joint_2: axis_a2}       # ours: theirs; or a list of names that stay
 #     time: {column: t, unit: ms}                        # tables only
