@@ -104,24 +104,11 @@ class Plant:
         """Sets the complete state, from `state` of a plant with the same number of joints."""
         self._kernel.restore(state.array if isinstance(state, Block) else state)
 
-    def fork(self) -> Plant:
-        """An independent plant in the same state, with the same noise to come."""
-        twin = Plant(self.config, self.seed, self._accounts)
-        twin.restore(self.state)
-        return twin
-
     def gravity_torque(self, joint_position: ArrayLike) -> FloatArray:
         """Torque (n,) N m that holds the links, payload included, at rest."""
         zeros = np.zeros(self.joints)
         bias: FloatArray = self._kernel.accelerate(joint_position, zeros, zeros, zeros)[2]
         return bias
-
-    def link_mobility(self, joint_position: ArrayLike) -> FloatArray:
-        """Acceleration of each link (n,) per torque of its own, rad/s^2 per N m: the diagonal of the inverse of M."""
-        zeros = np.zeros(self.joints)
-        inertia = self._kernel.accelerate(joint_position, zeros, zeros, zeros)[1]
-        mobility: FloatArray = np.diagonal(np.linalg.inv(inertia)).copy()
-        return mobility
 
     def true_state(self) -> Block:
         """What no sensor shows: angles, rates, torques, friction. For checks of the simulation only."""

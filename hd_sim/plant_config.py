@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from hd_control.core.arrays import FloatArray
 from hd_control.core.blocks import Block, layout_of
 from hd_control.core.errors import ConfigError
-from hd_control.core.parameters import Parameter, ParameterSet, Shape
+from hd_control.core.parameters import Parameter, Shape
 from hd_control.core.resources import find_config
 from hd_control.core.robot import Robot
 from hd_control.core.strict_yaml import expect_keys, load_yaml
@@ -128,7 +128,6 @@ def _setting(name: str, numbers: int, unit: str, meaning: str) -> Setting:
 
 _KERNEL_FIELDS = [field for field in _plant.BLOCKS["PlantParameters"] if field[0] not in _DERIVED]
 SETTINGS: dict[str, Setting] = {field[0]: _setting(*field) for field in [*_KERNEL_FIELDS, *_WRITTEN]}
-DRIVE = ParameterSet("a drive of the world", tuple(setting.parameter for setting in SETTINGS.values()))
 
 
 # ----------------------------------------------------------------------------------------------------

@@ -61,10 +61,6 @@ ALLOWED: dict[str, set[str]] = {
     "hd_sim.recording": {
         "hd_control.core", "hd_control.laws.trajectory", "hd_control.chain", "hd_control.record", "hd_sim",
     },
-    # A fault stands between the stages of the runner, at their inputs; it must know what travels there.
-    "hd_sim.fault_injection": {
-        "hd_control.core", "hd_control.laws.trajectory", "hd_control.chain.stage", "hd_sim",
-    },
     "hd_sim.world": {"hd_control.core", "hd_control.safety.limits", "hd_control.chain", "hd_sim"},
     # The drive side stands for the drive's electronics, whose own gate is the last one before the motor.
     "hd_sim.drive_side": {"hd_control.core", "hd_control.safety", "hd_sim"},

@@ -5,9 +5,8 @@ from concurrent.futures import ProcessPoolExecutor
 
 from counts import SEED, count, enough
 from fault_cases import run_case, shrink
+from fault_injection import draw_case
 from results import write_result
-
-from hd_sim.fault_injection import draw_case
 
 GOALS = ("G1", "G2", "G19")
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from counts import SEED, count, enough
 from fault_cases import run_case
+from fault_injection import Case, Injection, make_runner
 from node_runs import random_domain
 from results import write_result
 
 from hd_control.session.session import RunPlan, Session
-from hd_sim.fault_injection import Case, Injection, make_runner
 
 GOALS = ("G12",)
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fault_injection import FaultyRunner, Injection
 
 from hd_control.chain.black_box import BlackBox
 from hd_control.cli.main import main
@@ -17,7 +18,6 @@ from hd_control.record.reader import BagReader
 from hd_control.record.recorder import Recorder
 from hd_control.record.schema import joint_state_codec
 from hd_control.record.writer import BagWriter
-from hd_sim.fault_injection import FaultyRunner, Injection
 from hd_sim.plant_config import PlantConfig
 from hd_sim.runner import RunSetup
 

@@ -5,8 +5,7 @@ import time
 from types import SimpleNamespace
 
 import numpy as np
-
-from hd_sim.fault_injection import Case, Injection, make_runner, start_motion
+from fault_injection import Case, Injection, make_runner, start_motion
 
 JUMPS = (1.0, -1.0, 3600.0, -3600.0)
 TICKS = 700

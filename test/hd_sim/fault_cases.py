@@ -3,13 +3,13 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from fault_injection import ARMED, make_runner, start_motion
 from oracles.deadlines import deadline
 from oracles.degraded import DegradedOracle
 from oracles.unsafe_run import RunOracle
 
 from hd_control.core.resources import config_path
 from hd_control.core.strict_yaml import load_params_file
-from hd_sim.fault_injection import ARMED, make_runner, start_motion
 
 BEFORE_TICKS = 2000
 SENSOR_TOPICS = ("encoder", "resolver", "gauge_bridge", "motor_torque_applied", "motor_torque_command")

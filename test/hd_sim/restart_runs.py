@@ -2,8 +2,8 @@
 
 import numpy as np
 from fault_cases import make_oracle
+from fault_injection import FaultyRunner
 
-from hd_sim.fault_injection import FaultyRunner
 from hd_sim.plant_config import PlantConfig
 from hd_sim.runner import RunSetup
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fault_cases import run_case, shrink
+from fault_injection import Case, FaultyRunner, Injection, draw_case, make_runner, start_motion
 from healthy_runs import healthy_hours
 from restart_runs import restart_cycles
 
 from hd_control.core.errors import ConfigError
 from hd_control.core.faults import FaultCode
-from hd_sim.fault_injection import Case, FaultyRunner, Injection, draw_case, make_runner
 from hd_sim.plant_config import PlantConfig
 from hd_sim.runner import Runner, RunSetup
 
@@ -153,8 +153,6 @@ def test_a1_freezes_the_estimates_bit_for_bit_and_ends_by_itself():
     seen, modes = [], []
     for tick in range(1600):
         if tick == 500:
-            from hd_sim.fault_injection import start_motion
-
             start_motion(runner, case("encoder", "ok"))
         runner.step()
         modes.append(runner.torque.mode)
@@ -169,8 +167,6 @@ def test_a_goal_is_dropped_when_the_joint_does_not_follow():
     runner = Runner(RunSetup(PlantConfig.from_file("single_joint_5"), 1))
     for _ in range(150):
         runner.step()
-    from hd_sim.fault_injection import start_motion
-
     start_motion(runner, case("encoder", "ok", distance=0.3))  # type: ignore[arg-type]
     for tick in range(1500):
         if tick == 200:

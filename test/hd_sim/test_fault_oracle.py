@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from fault_injection import Case, Injection, make_runner
 from oracles.deadlines import deadline
-from oracles.unsafe_run import RunOracle
+from oracles.unsafe_run import RunOracle, link_mobility
 
-from hd_sim.fault_injection import Case, Injection, make_runner
 from hd_sim.plant import Plant
 from hd_sim.plant_config import PlantConfig
 
@@ -54,7 +54,7 @@ def test_a_speed_that_is_no_number_is_found():
 def test_mobility_is_the_answer_to_a_torque(name):
     plant = Plant(PlantConfig.from_file(name))
     q, zeros = plant.config.start_position, np.zeros(plant.joints)
-    for joint, mobility in enumerate(plant.link_mobility(q)):
+    for joint, mobility in enumerate(link_mobility(plant, q)):
         torque = plant.gravity_torque(q) + np.eye(plant.joints)[joint]
         assert plant._kernel.accelerate(q, zeros, torque, zeros)[0][joint] == pytest.approx(mobility, rel=1e-9)
 

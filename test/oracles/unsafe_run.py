@@ -10,6 +10,13 @@ SPEED_MARGIN = 0.05
 FORCE_SHARE = 0.25
 
 
+def link_mobility(plant, position):
+    """Acceleration of each link (n,) per torque of its own, rad/s^2 per N m: the diagonal of the inverse of M."""
+    zeros = np.zeros(plant.joints)
+    inertia = plant._kernel.accelerate(position, zeros, zeros, zeros)[1]
+    return np.diagonal(np.linalg.inv(inertia))
+
+
 class RunOracle:
     """`look` once per tick, after it; `found` lists (tick, letter, joint)."""
 
@@ -26,8 +33,7 @@ class RunOracle:
     def look(self, tick, torque, armed, stopped, controlled, last_command_tick, motion, arm):
         """One tick: what the drives got, the state of the drive side, the newest command used, the true motion.
 
-        `motion` has joint_position, joint_velocity, motor_velocity and joint_torque; `arm` gives gravity_torque and
-        link_mobility at a position.
+        `motion` has joint_position, joint_velocity, motor_velocity and joint_torque; `arm` is the plant.
         """
         letters = judge(torque.tolist(), self.before, self.limit, self.step, "ACTIVE" if armed else "INACTIVE")
         self.found += [(tick, letter, joint) for letter, joint in letters]
@@ -69,4 +75,4 @@ class RunOracle:
         """The speed of each link, rad/s, if all the energy of its joint were in it alone."""
         wound = motion.joint_torque - arm.gravity_torque(motion.joint_position)
         elsewhere = self.rotor_inertia * motion.motor_velocity**2 + wound**2 / self.stiffness
-        return np.sqrt(motion.joint_velocity**2 + elsewhere * arm.link_mobility(motion.joint_position))
+        return np.sqrt(motion.joint_velocity**2 + elsewhere * link_mobility(arm, motion.joint_position))
