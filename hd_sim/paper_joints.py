@@ -1,7 +1,11 @@
-"""One joint with kinematic error, hysteresis and a load known as a function of time. Gandhi and Ghorbel (8)-(10).
+"""The worlds of two papers, each in its own signs: a gear joint, a one-link arm, and the gauges on a flexspline.
 
-The world of their control simulations, in their own signs: fourth-order Runge-Kutta, the hysteresis by its exact
-solution (hd_sim/cpp/gear_joint.hpp). With cubic and quintic stiffness it is their full nonlinear model.
+- `GearJoint`: kinematic error, hysteresis and a load known as a function of time. Gandhi and Ghorbel (8)-(10):
+  fourth-order Runge-Kutta, the hysteresis by its exact solution (hd_sim/cpp/gear_joint.hpp). With cubic and quintic
+  stiffness it is their full nonlinear model.
+- `OneLinkArm`: link free or locked, bristle friction, output side. Hashimoto (15)-(17) (hd_sim/cpp/one_link_arm.hpp).
+  The current loop is faster than anything here and left out, as in the paper; command delay belongs to the caller.
+- `GaugeBridge`: strain gauges on the diaphragm in a Wheatstone bridge, solved exactly. Hashimoto, section III.
 """
 
 from __future__ import annotations
@@ -51,11 +55,7 @@ class GearJoint:
         return self._joint.wind_up
 
 
-# ----------------------------------------------------------------------------------------------------
-# One-link arm with a harmonic drive, link free or locked, bristle friction. Hashimoto (15)-(17).
-#
-# The world of the torque-control experiments, output side (hd_sim/cpp/one_link_arm.hpp). The current loop is faster
-# than anything here and left out, as in the paper; command delay belongs to the caller.
+# ---- One-link arm ----------------------------------------------------------------------------------
 
 
 def one_link_layout() -> Layout:
@@ -84,8 +84,7 @@ class OneLinkArm:
         return self._arm.bristle
 
 
-# ----------------------------------------------------------------------------------------------------
-# Strain gauges on the diaphragm of a flexspline in a Wheatstone bridge, solved exactly. Hashimoto, section III.
+# ---- Strain gauges ---------------------------------------------------------------------------------
 #
 # Two gauges at +-45 degrees (R1, R2), a second pair (R3, R4) turned by 90 degrees and its mounting error. The wave
 # generator bends each gauge once per half turn; the torque shears the diaphragm. Temperature strains every gauge alike,

@@ -1,8 +1,8 @@
 """Configuration of the world: a robot description, the drives of its joints, tick and scheme, from strict YAML.
 
 A plant file names the robot, the tick, and a drive type for every joint, and may replace settings of all of them (key
-`settings`); a drives file holds the types. Nothing is
-assumed silently: required settings are in the file, everything else is neutral, unknown keys are refused.
+`settings`); a drives file holds the types. Nothing is assumed silently: required settings are in the file, everything
+else is neutral, unknown keys are refused.
 """
 
 from __future__ import annotations
@@ -27,8 +27,7 @@ from hd_control.core.strict_yaml import expect_keys, load_yaml
 from hd_sim import _plant
 from hd_sim.sensors import misalignment_ripple
 
-# ----------------------------------------------------------------------------------------------------
-# Settings of a drive of the world: every setting with unit, bounds and its neutral value.
+# ---- Settings of a drive: unit, bounds, neutral value ----------------------------------------------
 #
 # The numbers that the kernel reads are declared once, in `hd_sim/cpp/fields.hpp`. This module adds bounds, says which
 # of them a file must give, and adds the few settings that a person writes in another form (bits, degrees, strain,
@@ -130,7 +129,7 @@ _KERNEL_FIELDS = [field for field in _plant.BLOCKS["PlantParameters"] if field[0
 SETTINGS: dict[str, Setting] = {field[0]: _setting(*field) for field in [*_KERNEL_FIELDS, *_WRITTEN]}
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The plant -------------------------------------------------------------------------------------
 
 
 SCHEMES = ("reversals_resolved", "first_order")

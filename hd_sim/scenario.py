@@ -15,8 +15,7 @@ from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import ConfigError
 from hd_control.laws.trajectory import Goal
 
-# ----------------------------------------------------------------------------------------------------
-# Motions of the scenarios: knots of position, velocity and acceleration that a quintic spline passes through.
+# ---- Motions: knots of position, velocity and acceleration that a quintic spline passes through ----
 
 
 QUINTIC_PEAK = 1.875
@@ -219,7 +218,7 @@ def _chirp(length: float, random: np.random.Generator, n: int) -> tuple[FloatArr
     return times, _enveloped(times, wave, rate, second, 1.0)
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The scenarios ---------------------------------------------------------------------------------
 
 
 ACCEPT_TICK_S = 0.1

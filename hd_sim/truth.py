@@ -26,8 +26,7 @@ from hd_sim.hidden_effects import EFFECTS, OUTSIDE, VOCABULARY, Drive, sizes
 from hd_sim.plant_config import SETTINGS, PlantConfig
 from hd_sim.sensors import noise_key
 
-# ----------------------------------------------------------------------------------------------------
-# The right values of a hidden effect's parameters, by the names of the model vocabulary, where both laws are the same.
+# ---- The right values of a hidden effect's parameters, by the names of the model vocabulary --------
 #
 # Where the world has another law on purpose (soft wind-up, bristles, Maxwell slip), only those parameters are given
 # that mean the same in both.
@@ -103,7 +102,7 @@ def _number(value: Any, index: int) -> float:
     return float(value[index]) if getattr(value, "ndim", 0) else float(value)
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- Hiding and sealing ----------------------------------------------------------------------------
 
 
 __all__ = [

@@ -2,8 +2,9 @@
 
 A stock executor needs about half a millisecond per callback, so at 1 kHz over four processes it misses nearly every
 tick. Here the subscriptions belong to a callback group that the executor may never run; the loop waits on them itself,
-as `rclpy/wait_for_message.py` does, and takes the serialised bytes. An executor in a second thread serves parameters,
-lifecycle, goals and diagnostics; nothing in the loop logs.
+as `rclpy/wait_for_message.py` does, and takes the serialised bytes. Messages are made once; compiled code moves their
+bytes into the blocks of a law and back. An executor in a second thread serves parameters, lifecycle, goals and
+diagnostics; nothing in the loop logs. What the loop did is counted with a few stores per tick and summed up outside it.
 """
 
 from __future__ import annotations
@@ -30,8 +31,7 @@ from hd_control.core.topics import TEMPERATURE
 from hd_control.record.cdr import JointStateCodec, TemperatureCodec
 from hd_control.record.schema import joint_state_codec
 
-# ----------------------------------------------------------------------------------------------------
-# Messages of the fast loop, made once and moved by compiled code: bytes into blocks, blocks into bytes.
+# ---- Messages: bytes into blocks, blocks into bytes ------------------------------------------------
 
 
 Destinations = Mapping[str, Sequence[tuple[FloatArray, Sequence[int]]]]
@@ -62,8 +62,7 @@ def make_message(codec: JointStateCodec, run_id: str, places: Mapping[str, Seque
     return _messages.Message(template, codec.stamp_place, copies)
 
 
-# ----------------------------------------------------------------------------------------------------
-# What a loop did, counted in the loop with a few stores per tick and summed up outside it.
+# ---- What a loop did -------------------------------------------------------------------------------
 
 
 RING = 1024
@@ -141,7 +140,7 @@ def _spread(found: dict[str, float], name: str, values: NDArray[np.int64]) -> No
         found[f"{name}_{label}_us"] = float(ordered[round(share * last)]) / 1000.0
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The loop --------------------------------------------------------------------------------------
 
 
 WAIT_NS = 100_000_000

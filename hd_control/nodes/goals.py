@@ -1,4 +1,8 @@
-"""Takes goals in the executor thread, checks them completely, answers, and hands accepted paths to the loop."""
+"""Goals of the topic `joint_trajectory` and of the action `follow_joint_trajectory`, which go the same way.
+
+They are taken in the executor thread, checked completely, answered, and handed as paths to the loop. The action exists
+where `control_msgs` is installed.
+"""
 
 from __future__ import annotations
 
@@ -88,8 +92,7 @@ class GoalService:
             stage.hand_over(braking_path(motion, start, stage.dt, limits.acceleration))
 
 
-# ----------------------------------------------------------------------------------------------------
-# The action `follow_joint_trajectory`, where `control_msgs` is installed; goals go the same way as those of the topic.
+# ---- The action ------------------------------------------------------------------------------------
 #
 # Every goal is accepted by the action so that a refusal can carry its text: it is then aborted at once. The motion runs
 # in the fast loop; a timer looks at it 20 times a second, so path tolerances are checked at that rate. The goal is

@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from hd_control.nodes.shell import Shell
 
 
-# ----------------------------------------------------------------------------------------------------
-# What the operating system can do for a 1 kHz loop: priority, memory locking, core affinity, absolute deadlines.
+# ---- What the operating system can do for a 1 kHz loop: priority, memory locking, affinity, absolute deadlines ----
 #
 # Everything here is optional and asked for before `rclpy.init`, so that the middleware's threads inherit it. What the
 # system refuses is reported and the loop runs without it.
@@ -120,7 +119,7 @@ def sleep_until(deadline_ns: int) -> None:
         pass
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The process -----------------------------------------------------------------------------------
 
 
 STOP_LIMIT = 8.0

@@ -1,7 +1,8 @@
 """`recorder_node`: every topic of the chain into an MCAP bag; what is lost is counted and stored with the data.
 
-A disk error ends the recording and shows as ERROR in the diagnostics; control is not touched. SIGINT closes the bag.
-Exit codes: 0 stopped on request, 1 internal fault or a recording that failed, 2 bad configuration.
+A fast loop takes the serialised messages, writes them and reports its progress. A disk error ends the recording and
+shows as ERROR in the diagnostics; control is not touched. SIGINT closes the bag. Exit codes: 0 stopped on request,
+1 internal fault or a recording that failed, 2 bad configuration.
 """
 
 from __future__ import annotations
@@ -27,8 +28,7 @@ from hd_control.nodes.shell import ERROR, OK, WARN, Shell
 from hd_control.record.recorder import Recorder
 from hd_control.record.writer import BagWriter
 
-# ----------------------------------------------------------------------------------------------------
-# The recorder's fast loop: takes serialised messages of every topic, writes them, reports its progress.
+# ---- The fast loop ---------------------------------------------------------------------------------
 
 
 BATCH_NS = 5_000_000
@@ -139,7 +139,7 @@ class RecorderTurn:
         self._newest_ns[path] = max(self._newest_ns.get(path, -1), seconds * 1_000_000_000 + nanoseconds)
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The node --------------------------------------------------------------------------------------
 
 
 REWRITE_NS = 500_000_000

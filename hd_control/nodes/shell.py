@@ -1,7 +1,8 @@
 """The shell of every node: parameters, managed lifecycle, diagnostics, introspection, run id. No arithmetic.
 
 A node says which parameters it has, how to prepare a set of them, what to build on configure and what one turn of its
-fast loop is; the shell does the rest. States and transitions are those of `rclpy.lifecycle`.
+fast loop is; the shell does the rest. Parameters are declared with meaning, unit and range, and change as a whole or
+not at all. States and transitions are those of `rclpy.lifecycle`.
 """
 
 from __future__ import annotations
@@ -30,8 +31,7 @@ from hd_control.core.robot import Robot
 from hd_control.nodes.fast_loop import FastLoop, HandsOff, chain_qos, latched_qos
 from hd_control.record.cdr import ValuesCodec
 
-# ----------------------------------------------------------------------------------------------------
-# A ParameterSet as ROS parameters: declared with meaning, unit and range, changed as a whole or not at all.
+# ---- A ParameterSet as ROS parameters --------------------------------------------------------------
 
 
 STANDARD = ("use_sim_time", "start_type_description_service", "qos_overrides.")
@@ -164,7 +164,7 @@ class ParameterService:
             self._accept(*pending)
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The shell -------------------------------------------------------------------------------------
 
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR

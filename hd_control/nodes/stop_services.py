@@ -1,7 +1,9 @@
-"""Black boxes of a node: a thread outside the loop takes what a stop has left and writes it as bags.
+"""What a node offers around a stop: its black boxes, its mode, its reset.
 
 `~/black_box` (std_srvs/Trigger) writes at once what is still in memory, and answers with the newest bag or with the
-reason why the disk refuses. Refused incidents stay in memory and are tried again.
+reason why the disk refuses. A thread outside the loop writes what a stop has left; refused incidents stay in memory and
+are tried again. `torque_mode` carries the mode of each torque node when it changes, `torque_node DEGRADED`; the motion
+node listens. `~/reset` (std_srvs/Trigger) is asked in the executor thread and answered between two ticks of the loop.
 """
 
 from __future__ import annotations
@@ -130,8 +132,7 @@ def serve_black_box(node: Shell, boxes: Boxes) -> BlackBoxService:
     return service
 
 
-# ----------------------------------------------------------------------------------------------------
-# `torque_mode`: each torque node publishes its mode when it changes, `torque_node DEGRADED`; the motion node listens.
+# ---- The mode --------------------------------------------------------------------------------------
 #
 # Modes: INACTIVE, ACTIVE, DEGRADED, STOPPING, HOLDING, STOPPED (docs/safety.md). Latched, so who comes late knows, too.
 
@@ -172,8 +173,7 @@ class ModeInput:
             self._stage.controller_mode = max(self._modes.values(), key=MODES.index)
 
 
-# ----------------------------------------------------------------------------------------------------
-# `~/reset` (std_srvs/Trigger): asked in the executor thread, answered between two ticks of the loop.
+# ---- The reset -------------------------------------------------------------------------------------
 
 
 WAIT = 1.0

@@ -1,4 +1,8 @@
-"""The generated pages by path."""
+"""Pages of `docs/reference` that are made from the code, by path: bench, commands, effects, nodes, glossary.
+
+The figures of the bench are those of one run of `hd bench --growth --json docs/reference/bench.json`; commands are read
+from their parsers, effects from their classes, nodes from the running nodes.
+"""
 
 from __future__ import annotations
 
@@ -26,8 +30,7 @@ from hd_control.pages.fault_page import fault_page
 from hd_control.pages.node_facts import Interface, NodeFacts, node_facts
 from hd_control.safety import limits
 
-# ----------------------------------------------------------------------------------------------------
-# A few words of Markdown.
+# ---- A few words of Markdown -----------------------------------------------------------------------
 
 
 def cell(text: str) -> str:
@@ -53,8 +56,7 @@ def page(title: str, source: str, *blocks: Sequence[str]) -> str:
     return "\n\n".join("\n".join(part) for part in parts) + "\n"
 
 
-# ----------------------------------------------------------------------------------------------------
-# Words of this package that belong to no table of the code; the tables fill the rest of the glossary.
+# ---- Words of this package that belong to no table of the code; the tables fill the rest of the glossary ----
 
 
 TERMS: dict[str, str] = {
@@ -95,8 +97,7 @@ SIGNAL_MEANINGS: dict[str, str] = {
 """Meaning of each signal of `hd_control.lab.signals.joint_signals.SIGNALS`."""
 
 
-# ----------------------------------------------------------------------------------------------------
-# `docs/reference/bench.md`: the figures of one run of `hd bench --growth --json docs/reference/bench.json`.
+# ---- `reference/bench.md` --------------------------------------------------------------------------
 
 
 FILE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "bench.json"
@@ -181,8 +182,7 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.3g}" if abs(value) < 1e4 else f"{value:.4g}"
 
 
-# ----------------------------------------------------------------------------------------------------
-# `docs/reference/commands.md`: every command of `hd` with its options, read from the parsers themselves.
+# ---- `reference/commands.md` -----------------------------------------------------------------------
 
 
 def command_page() -> str:
@@ -252,8 +252,7 @@ def _sentence(text: str) -> str:
     return f"{text[0].upper()}{text[1:]}."
 
 
-# ----------------------------------------------------------------------------------------------------
-# `docs/reference/effects.md`: the effect library, from the classes and the docstrings of their files.
+# ---- `reference/effects.md` ------------------------------------------------------------------------
 
 
 def effect_page() -> str:
@@ -285,8 +284,7 @@ def _parameter(parameter: EffectParameter) -> list[str]:
     return [code(parameter.name), parameter.unit, shown, parameter.meaning]
 
 
-# ----------------------------------------------------------------------------------------------------
-# `docs/reference/nodes.md`: parameters, topics and services of every node, as the running nodes declare them.
+# ---- `reference/nodes.md` --------------------------------------------------------------------------
 
 
 WHEN = {Change.HOT: "live", Change.INACTIVE: "INACTIVE", Change.FIXED: "fixed"}
@@ -379,8 +377,7 @@ def _short(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value) or "empty"
 
 
-# ----------------------------------------------------------------------------------------------------
-# `docs/reference/glossary.md`: every name of a signal, parameter and effect with unit, symbol and meaning.
+# ---- `reference/glossary.md` -----------------------------------------------------------------------
 
 
 SETS: dict[str, ParameterSet] = {
@@ -441,7 +438,7 @@ def _outputs() -> Iterator[list[str]]:
         yield [code(field.name), field.unit, field.meaning, law]
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- All pages -------------------------------------------------------------------------------------
 
 
 def _nodes() -> str:

@@ -2,6 +2,7 @@
 
 The plain law knows neither kinematic error nor hysteresis. `half-sample prediction` evaluates law, reference and load
 half a control sample after the measurement, in the middle of the command's hold; without it the law is the paper's.
+Rows first, then the figures: Figs. 4 to 6, the terms of the law, the control period.
 """
 
 from __future__ import annotations
@@ -221,8 +222,7 @@ def figures(quick: bool, seed: int, progress: Progress) -> list[tuple[str, Any]]
     return [*found, full_model(), terms(), periods()]
 
 
-# ----------------------------------------------------------------------------------------------------
-# Figs. 4 to 6 of Gandhi and Ghorbel from our runs, and two more: the terms of the law, the control period.
+# ---- Figures ---------------------------------------------------------------------------------------
 
 
 Titled = tuple[str, Any]

@@ -1,4 +1,7 @@
-"""Hashimoto's results beside ours: the torque sensor on the flexspline and torque control (19) of a one-link arm."""
+"""Hashimoto's results beside ours: the torque sensor on the flexspline and torque control (19) of a one-link arm.
+
+Rows first, then the figures: sensor (Figs. 4, 12-14) and torque control (15-17).
+"""
 
 from __future__ import annotations
 
@@ -244,8 +247,7 @@ def figures(quick: bool, seed: int, progress: Progress) -> list[tuple[str, Any]]
     return found if quick else [*found, linearity(), sensor_in_motion(), static_loops(seed)]
 
 
-# ----------------------------------------------------------------------------------------------------
-# Figures of Hashimoto's paper from our runs: sensor (4, 12-14) and torque control (15-17).
+# ---- Figures ---------------------------------------------------------------------------------------
 
 
 VARIANTS: dict[Variant, str] = {

@@ -1,4 +1,4 @@
-"""One figure of a paper beside ours, and the papers that can be asked for their figures.
+"""One figure of a paper beside ours, the constants behind it, and the papers that can be asked for their figures.
 
 A paper is a module `hd_control.papers.NAME` with
 
@@ -7,7 +7,8 @@ A paper is a module `hd_control.papers.NAME` with
 
 `quick` is the part that runs in the test suite. `seed` is the first seed of the noise, `seeds` how many are run where
 noise matters. Both are deterministic in their arguments. Nothing is said here about what a figure is compared with:
-`met` is computed from `ours` and `target`, never given.
+`met` is computed from `ours` and `target`, never given. Constants come from `config/reproduce`, each with its unit and
+where it comes from.
 """
 
 from __future__ import annotations
@@ -26,8 +27,7 @@ from hd_control.core.errors import ConfigError
 from hd_control.core.resources import config_path
 from hd_control.core.strict_yaml import expect_keys, load_yaml
 
-# ----------------------------------------------------------------------------------------------------
-# The numbers of a paper's experiment from config/reproduce: each with its unit and where it comes from.
+# ---- The constants of a paper's experiment ---------------------------------------------------------
 
 
 CHOSEN = "chosen"
@@ -87,7 +87,7 @@ def load_constants(paper: str) -> Constants:
     return Constants(table)
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- Rows and papers -------------------------------------------------------------------------------
 
 
 PAPERS = ("zhu", "gandhi", "hashimoto")

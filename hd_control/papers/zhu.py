@@ -1,4 +1,7 @@
-"""Zhu's results beside ours: rows and figures of `hd reproduce zhu`. What each means: docs/papers_zhu.md."""
+"""Zhu's results beside ours: rows and figures of `hd reproduce zhu`. What each means: docs/papers_zhu.md.
+
+Figures: Figs. 3 and 4, Table III as bars, adaptation histories, the Lyapunov function.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +18,7 @@ from hd_control.papers.zhu_options import FAST, IMPROVED, OPEN, PLAIN, Case
 from hd_control.papers.zhu_runs import ESTIMATES, MEAN_SECONDS, Outcome, history, mean_pace, play_all
 from hd_control.papers.zhu_table import MAIN_BASELINES, PAPER, experiments, table_cases
 
-# ----------------------------------------------------------------------------------------------------
-# Zhu's figures from our runs: Figs. 3 and 4, Table III as bars, adaptation histories, the Lyapunov function.
+# ---- Figures ---------------------------------------------------------------------------------------
 
 
 UNITS = {"coulomb_torque": "N m", "friction_offset": "N m", "torsional_compliance": "rad/(N m)"}
@@ -125,7 +127,7 @@ def lyapunov() -> Titled:
     return "Lyapunov function of theorem 1 on the ideal drive", figure
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- Rows ------------------------------------------------------------------------------------------
 
 
 PARTS = (zhu_table, zhu_arms, zhu_checks)

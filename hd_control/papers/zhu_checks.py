@@ -1,4 +1,8 @@
-"""Zhu's remarks and theorem: algebraic loop, delay, adaptation inside its bounds, Lyapunov function, link model."""
+"""Zhu's remarks and theorem: algebraic loop, delay, adaptation inside its bounds, Lyapunov function, link model.
+
+Theorem 1 and remark 3.1 are checked on an ideal drive under the compiled law, the link model against Pinocchio, the
+rest in the whole chain.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +23,7 @@ from hd_control.papers.zhu_options import IMPROVED, OPEN, PLAIN, STARTS, Case, p
 from hd_control.papers.zhu_runs import Outcome
 from hd_control.papers.zhu_table import JOINTS, PAPER, chosen, describe, experiments, geometric_mean, table_cases
 
-# ----------------------------------------------------------------------------------------------------
-# Zhu's theorem 1 and remark 3.1 on an ideal drive under the compiled law, and the link model against Pinocchio.
+# ---- The ideal drive -------------------------------------------------------------------------------
 #
 # The drive is the paper's own, (1)-(4): no kinematic error, no hysteresis, no sensors' counts; the law differentiates
 # without filter (`derivative_pole` 0) in steps of 20 us, so that it is close to the continuous one of the proof.
@@ -200,7 +203,7 @@ def regressor_difference(seed: int, states: int = 200) -> float:
     return worst
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The rows --------------------------------------------------------------------------------------
 
 
 DELAYS = (0, 1, 2, 3, 4)

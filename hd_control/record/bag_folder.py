@@ -1,4 +1,7 @@
-"""The directory of a bag: made, replaced only on request, with errors that say what to do."""
+"""The directory of a bag: made, replaced only on request, with its metadata.yaml and the software that made it.
+
+Errors say what to do.
+"""
 
 from __future__ import annotations
 
@@ -72,8 +75,7 @@ def _remove_bag(path: Path) -> None:
         raise write_error(path, error) from None
 
 
-# ----------------------------------------------------------------------------------------------------
-# metadata.yaml of a rosbag2 directory, version 9: written and read.
+# ---- metadata.yaml of a rosbag2 directory, version 9: written and read -----------------------------
 
 
 VERSION = 9
@@ -186,8 +188,7 @@ def load(path: Path) -> BagIndex:
         raise ConfigError(f"{path}: not a rosbag2 metadata file ({type(error).__name__}: {error})") from None
 
 
-# ----------------------------------------------------------------------------------------------------
-# Which software made a recording: version and commit, read without running anything.
+# ---- Which software made a recording: version and commit, read without running anything ------------
 
 
 def software_version() -> str:

@@ -1,4 +1,4 @@
-"""Messages of a recording as parallel arrays over one buffer: what every storage format hands out."""
+"""Messages of a recording as parallel arrays over one buffer: what every storage format hands out; what is missing."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from hd_control.core.arrays import IntArray
 from hd_control.core.faults import FaultCode
 from hd_control.record.cdr import Buffer
 
-# ----------------------------------------------------------------------------------------------------
-# What is missing or doubtful in a recording, as values.
+# ---- What is missing or doubtful, as values --------------------------------------------------------
 
 
 RECORD_CAP = 64 << 20
@@ -49,8 +48,7 @@ class Problem:
         return self.code.line(self.text, self.place) if self.loses_data else self.finding
 
 
-# ----------------------------------------------------------------------------------------------------
-# Holes in the stamps of a topic, stream by stream.
+# ---- Holes in the stamps of a topic, stream by stream ----------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -84,7 +82,7 @@ def find_gaps(stamps_ns: IntArray, streams: Sequence[Any], period_ns: int) -> li
     return sorted(found, key=lambda gap: gap.from_ns)
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- Blocks of messages ----------------------------------------------------------------------------
 
 
 BLOCK_MESSAGES = 1 << 16

@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 
-# ----------------------------------------------------------------------------------------------------
-# Messages of a fixed layout: written into a template, read as numpy columns. The types are in `cdr.py`.
+# ---- A fixed layout: written into a template, read as numpy columns --------------------------------
 #
 # CDR is little-endian XCDR1 with the four-byte encapsulation header `00 01 00 00`; alignment counts from the byte after
 # it. Once joint names and the length of `frame_id` are fixed, every message of a topic has the same layout, so a
@@ -262,7 +261,7 @@ class FixedCodec:
         return rows
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The types -------------------------------------------------------------------------------------
 
 
 RUN_ID_LENGTH = 16

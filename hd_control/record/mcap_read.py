@@ -2,6 +2,7 @@
 
 The file is walked once from the front, so an unfinished or cut file gives its whole prefix. Behind damage the walk goes
 on where a chain of records begins again; chunks that the index at the end names and the walk did not meet are read too.
+Parts first, then `McapSource`, which puts them together.
 """
 
 from __future__ import annotations
@@ -30,8 +31,7 @@ from hd_control.record.block import EXPANSION_CAP, RECORD_CAP, Block, Problem, s
 from hd_control.record.cdr import Buffer
 from hd_control.record.mcap_write import MAGIC
 
-# ----------------------------------------------------------------------------------------------------
-# Uncompresses one MCAP chunk with every length checked and its CRC compared.
+# ---- A chunk: uncompressed with every length checked and its CRC compared --------------------------
 
 
 _CHUNK_HEAD = struct.Struct("<QQQII")
@@ -110,8 +110,7 @@ def _uncompress(packed: bytes, compression: str, size: int) -> bytes:
     raise ChunkError(f"unknown compression {compression!r}")
 
 
-# ----------------------------------------------------------------------------------------------------
-# A file mapped into memory for reading only, whose pages are given back while it is walked through.
+# ---- The file mapped into memory, for reading only; pages are given back while it is walked through ----
 
 
 _STEP = 16 << 20
@@ -145,8 +144,7 @@ class MappedFile:
         return crc
 
 
-# ----------------------------------------------------------------------------------------------------
-# The summary at the end of a closed MCAP file: how many messages there must be, and where the chunks lie.
+# ---- The summary at the end of a closed file: how many messages there must be, and where the chunks lie ----
 
 
 _FOOTER_BYTES = 37  # footer record and closing magic
@@ -201,8 +199,7 @@ def read_end(buffer: Buffer) -> End:
     return end
 
 
-# ----------------------------------------------------------------------------------------------------
-# Finds the place behind damage in an MCAP file from which records can be read again.
+# ---- The place behind damage from which records can be read again ----------------------------------
 #
 # A record has no mark at its beginning, so a place counts only if a chain of `CHAIN` records starts there, each inside
 # the file and of a kind and size that is possible; the first is a message of a known channel, a chunk, or the end.
@@ -265,7 +262,7 @@ def _is_message(buffer: Buffer, content: int, length: int, channels: Collection[
     return channel in channels and log_time < 1 << 63 and publish_time < 1 << 63
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The file --------------------------------------------------------------------------------------
 
 
 MAX_PROBLEMS = 100

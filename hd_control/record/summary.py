@@ -1,4 +1,7 @@
-"""What a recording holds: topics, rates, gaps, drops, joints, possible residual channels, range of operation."""
+"""What a recording holds: topics, rates, gaps, drops, joints, possible residual channels, range of operation.
+
+Topics are gone through block by block, so an hour fits in memory.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +20,7 @@ from hd_control.record.columns import Columns, has_fixed_layout
 from hd_control.record.reader import BagReader
 from hd_control.record.writer import SESSION
 
-# ----------------------------------------------------------------------------------------------------
-# Speeds of a joint, block by block: range, decades between fast and slow, reversals, without keeping every sample.
+# ---- Speeds of a joint: range, decades between fast and slow, reversals, without keeping every sample ----
 
 
 STANDSTILL = 0.01
@@ -72,8 +74,7 @@ class SpeedScan:
         }
 
 
-# ----------------------------------------------------------------------------------------------------
-# One topic gone through block by block: stamps, streams, ranges of every field and joint; an hour fits in memory.
+# ---- One topic: stamps, streams, ranges of every field and joint -----------------------------------
 
 
 SPEED_WINDOW_NS = 20_000_000
@@ -188,7 +189,7 @@ def _overlapping(
             stamps, angles = stamps[-width:].copy(), angles[-width:].copy()
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The summary -----------------------------------------------------------------------------------
 
 
 SCHEMA = "hd.info/1"

@@ -1,4 +1,4 @@
-"""Tables of numbers: CSV and NPZ files in and out."""
+"""Numbers of a recording in other files: tables (CSV, NPZ) in and out, and series as bags for plotting tools."""
 
 from __future__ import annotations
 
@@ -21,8 +21,7 @@ from hd_control.record.bag_folder import whole_bag
 from hd_control.record.cdr import NUMBER, NumberCodec
 from hd_control.record.writer import BagWriter
 
-# ----------------------------------------------------------------------------------------------------
-# Any series of numbers as a bag for plotting tools, one topic each, with a layout for Foxglove and for PlotJuggler.
+# ---- Series for plotting tools: a bag with one topic each, and a layout for Foxglove and for PlotJuggler ----
 #
 # The messages are std_msgs/Float64 whose log time is the time of the sample. Both tools draw against the log time by
 # default and know such a topic as one curve under one name (`/name.data`, `/name/data`) in every version; the curves of
@@ -150,7 +149,7 @@ def _colors(count: int) -> list[str]:
     return [COLORS[k % len(COLORS)] for k in range(count)]
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- Tables ----------------------------------------------------------------------------------------
 
 
 NAMES = "joints"

@@ -23,8 +23,7 @@ from hd_control.core.faults import Action, Fault, FaultCode, strongest
 from hd_control.safety import gate as gate
 from hd_control.safety.limits import SafetyLimits
 
-# ----------------------------------------------------------------------------------------------------
-# Controlled stop (action A2): decelerates on the motor side, then holds the place. Pure functions on blocks.
+# ---- The controlled stop: decelerates on the motor side, then holds the place; pure functions on blocks ----
 #
 #     v_r falls from the present velocity to 0 at stop_deceleration, x_r is its integral;
 #     u = hold_torque - stop_damping (v - v_r) - stop_stiffness (x - x_r)
@@ -93,7 +92,7 @@ def resting(state: Block) -> bool:
     return not bool(np.any(state.reference_velocity))
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The guard -------------------------------------------------------------------------------------
 
 
 _MEASURED = (

@@ -125,8 +125,7 @@ def select(values: Mapping[str, Any], joint_names: list[str]) -> dict[str, Any]:
     return both.select(values, joint_names)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Limits of gate, guard and monitors for some joints, from the limits file that a node names.
+# ---- The limits of some joints, from the file that a node names ------------------------------------
 
 
 LIMITS = Parameter(

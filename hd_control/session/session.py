@@ -6,7 +6,8 @@
         session.wait_until_tick(5000)
     session.exit_codes
 
-Leaving the block stops every process, also on Ctrl-C. Must be entered from a thread that outlives it.
+A `RunPlan` says which processes a robot needs, with which parameters; `hd up` and the launch file use it, too. Leaving
+the block stops every process, also on Ctrl-C. Must be entered from a thread that outlives it.
 """
 
 from __future__ import annotations
@@ -30,8 +31,7 @@ from hd_control.core.errors import ConfigError, GoalError, HdError
 from hd_control.laws.trajectory import Goal
 from hd_control.nodes.process import DISCOVERY, prepare_environment
 
-# ----------------------------------------------------------------------------------------------------
-# Child processes that never outlive us: own process groups, SIGTERM first, SIGKILL last, no orphan on Ctrl-C.
+# ---- Child processes that never outlive us: own process groups, SIGTERM first, SIGKILL last, no orphan on Ctrl-C ----
 
 
 _LIBC = ctypes.CDLL(None)
@@ -127,8 +127,7 @@ class Children:
         self.stop_all()
 
 
-# ----------------------------------------------------------------------------------------------------
-# Which node processes a robot needs, with which parameters: data for the session, `hd up` and the launch file.
+# ---- The plan --------------------------------------------------------------------------------------
 
 
 MODULES = {
@@ -230,7 +229,7 @@ class NodeProcess:
         return [sys.executable, "-m", MODULES[self.executable], *self.ros_arguments()]
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The session -----------------------------------------------------------------------------------
 
 
 START_TIMEOUT = 30.0

@@ -1,4 +1,4 @@
-"""The ROS side of a session: lifecycle, parameters, goals, progress and diagnostics of nodes, in its own context."""
+"""The ROS side of a session, in a context of its own: lifecycle, parameters, goals, progress, diagnostics, tracking."""
 
 from __future__ import annotations
 
@@ -170,8 +170,7 @@ def _plain(value: Any) -> Any:
     return value if isinstance(value, (str, bool, int, float, bytes)) or value is None else list(value)
 
 
-# ----------------------------------------------------------------------------------------------------
-# The tracking error of a running robot: reference against measured joint position, RMS over seconds of its ticks.
+# ---- The tracking error: reference against measured joint position, RMS over seconds of ticks ------
 
 
 WORSE = 1.05

@@ -1,6 +1,6 @@
 """`chain`: the control chain in one process and one thread; parameter `with_plant` puts the plant into the same thread.
 
-Exit codes: 0 stopped on request, 1 internal fault, 2 bad configuration.
+Every topic is still published. Exit codes: 0 stopped on request, 1 internal fault, 2 bad configuration.
 """
 
 from __future__ import annotations
@@ -28,8 +28,7 @@ from hd_sim.nodes.plant_turn import PlantTurn
 from hd_sim.plant_config import PlantConfig
 from hd_sim.world import World, sensor_arrays
 
-# ----------------------------------------------------------------------------------------------------
-# The control chain and the plant in one process and one thread, still publishing every topic.
+# ---- Chain and plant in one thread -----------------------------------------------------------------
 
 
 class InnerSeam(TopicSeam):

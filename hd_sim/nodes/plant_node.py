@@ -1,8 +1,8 @@
-"""`plant_node`: the simulated drives, arm and sensors; sets the tick. `~/reset` ends a latched stop of its gate,
-`~/black_box` writes what a stop has left.
+"""`plant_node`: the simulated drives, arm and sensors; sets the tick.
 
-`~/progress` (latched) gives the next tick, every 50 ticks and whenever the plant stands still. Exit codes: 0 stopped on
-request, 1 internal fault, 2 bad configuration.
+`~/reset` ends a latched stop of its gate, `~/black_box` writes what a stop has left. `~/progress` (latched) gives the
+next tick, every 50 ticks and whenever the plant stands still. Exit codes: 0 stopped on request, 1 internal fault,
+2 bad configuration.
 """
 
 from __future__ import annotations
@@ -24,8 +24,7 @@ from hd_sim.plant_config import PlantConfig
 from hd_sim.truth import HiddenEffect, apply_hidden, nominal
 from hd_sim.world import World
 
-# ----------------------------------------------------------------------------------------------------
-# Parameters of the plant node.
+# ---- Parameters ------------------------------------------------------------------------------------
 
 
 CLOCKS = ("wall", "lockstep")
@@ -116,7 +115,7 @@ def hidden_effects(texts: Sequence[str]) -> list[HiddenEffect]:
     return found
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The node --------------------------------------------------------------------------------------
 
 
 class PlantNode(Shell):

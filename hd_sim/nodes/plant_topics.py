@@ -1,4 +1,4 @@
-"""The plant's topics, and what the plant says of itself."""
+"""The plant's topics: `motor_torque_command` merged by joint name, sensors out, and what the plant says of itself."""
 
 from __future__ import annotations
 
@@ -24,8 +24,7 @@ from hd_control.record.cdr import ClockCodec, JointStateCodec, TemperatureCodec
 from hd_sim.nodes.plant_turn import PlantTurn
 from hd_sim.world import World, sensor_places
 
-# ----------------------------------------------------------------------------------------------------
-# `motor_torque_command` from one torque node or several, merged by joint name.
+# ---- The command, from one torque node or several --------------------------------------------------
 
 
 class _Source:
@@ -102,7 +101,7 @@ class CommandInput:
         return source
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- All topics ------------------------------------------------------------------------------------
 
 
 class TopicSeam:

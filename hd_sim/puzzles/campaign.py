@@ -1,7 +1,8 @@
 """A blind campaign: many random joints, each diagnosed without its truth, each answer scored afterwards.
 
 One line of JSON per joint goes to the record file as soon as it is known, so an interrupted campaign loses nothing and
-goes on where it stopped. The diagnosis receives columns and nominal values, never the case.
+goes on where it stopped. The diagnosis receives columns and nominal values, never the case. The table of the records
+has counts with exact intervals, and quantiles.
 """
 
 from __future__ import annotations
@@ -27,8 +28,7 @@ if TYPE_CHECKING:
     from hd_control.lab.signals.joint_signals import Recording
 
 
-# ----------------------------------------------------------------------------------------------------
-# The table of a campaign: counts with exact intervals, quantiles, from the records of single challenges.
+# ---- The table, from the records of single challenges ----------------------------------------------
 
 
 FAILED = "failed"
@@ -235,8 +235,7 @@ def table_text(rows: Iterable[Row]) -> str:
     return "\n".join(lines)
 
 
-# ----------------------------------------------------------------------------------------------------
-# How a campaign asks the diagnosis: columns and data-sheet values in, the JSON form of one joint out. Blind.
+# ---- The question: columns and data-sheet values in, the JSON form of one joint out ----------------
 
 
 COLUMNS = (
@@ -348,7 +347,7 @@ def _held_out(question: Question, effects: Sequence[str]) -> float:
     return sum((channel.rms_error / channel.noise_floor) ** 2 for channel in channels)
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The campaign ----------------------------------------------------------------------------------
 
 
 SCHEMA = "hd.campaign/1"

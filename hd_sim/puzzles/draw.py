@@ -1,4 +1,4 @@
-"""What a challenge hides: the draw of effects, strengths, excitation and of worlds that differ from the model library.
+"""What a challenge draws from a seed: a drive with link, sensors and heat, effects to hide, excitation, and its world.
 
 A seed determines the case completely. Ranges and shares are in `config/challenge.yaml`.
 """
@@ -23,11 +23,10 @@ from hd_sim.puzzles.random_motion import POOR
 from hd_sim.sensors import noise_key
 from hd_sim.truth import HiddenEffect
 
-# ----------------------------------------------------------------------------------------------------
-# Random single-joint robots: drive, link, sensors and heat from a seed, and what the user's data sheet says of them.
+# ---- The drive, and what the user's data sheet says of it ------------------------------------------
 #
-# Sizes scale with the rated torque of the gear; ranges are in `config/challenge.yaml`. The world of a random drive has
-# only what every model has; hidden effects are added by `truth.apply_hidden`.
+# Sizes scale with the rated torque of the gear. The world of a random drive has only what every model has; hidden
+# effects are added by `truth.apply_hidden`.
 
 
 GRAVITY = 9.81
@@ -245,7 +244,7 @@ def _urdf(numbers: DriveNumbers, tilt: float, lever_share: float) -> str:
 """
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- What is hidden: effects, strengths, excitation, and how the world differs from the model library ----
 
 
 CATEGORIES = ("none", "one", "two", "unknown", "poor")

@@ -1,4 +1,4 @@
-"""A challenge as a folder: two bags, the user's model beside them, the truth sealed, a text that says how to go on."""
+"""A challenge as a folder: two bags, the user's model, the sealed truth, a text that says how to go on; the score."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from hd_sim.puzzles.draw import UNKNOWN, Case
 from hd_sim.puzzles.recordings import record_pair, write_bag
 from hd_sim.truth import open_seal, write_seal
 
-# ----------------------------------------------------------------------------------------------------
-# Scores of one diagnosis against the sealed truth of its joint, from the plain JSON form (`hd.diagnosis/1`).
+# ---- The score of one diagnosis against the sealed truth, from the plain JSON form (`hd.diagnosis/1`) ----
 #
 # Names are compared first, then what the answer says of the unknown, then the numbers. Names that a judge's world also
 # justifies (`tolerated`) count neither as right nor as wrong; "unknown" among them does the same for the flag.
@@ -169,7 +168,7 @@ def _size(name: str, true: Mapping[str, float]) -> float:
     return abs(true[name])
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The folder ------------------------------------------------------------------------------------
 
 
 FIT, HELD_OUT, MODEL, ROBOT, SEAL, README = "fit", "held_out", "model.yaml", "robot.urdf", "truth.seal", "README.txt"

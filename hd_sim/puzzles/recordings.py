@@ -4,6 +4,8 @@ pair = make_pair(seed, "one")           # or draw_case / chosen_case, then recor
 pair.fit["gauge_torque"]                # (n,) columns, names as in the joint's signals of the analysis
 pair.model["effects"]["rotor_inertia"]  # what the user believes
 pair.truth                              # what is hidden; nobody opens it before the diagnosis is written
+
+The joint is moved by a servo drive of its own; `write_bag` makes a bag of the columns.
 """
 
 from __future__ import annotations
@@ -40,8 +42,7 @@ from hd_sim.puzzles.draw import (
 from hd_sim.puzzles.random_motion import MOTIONS, Reference, Room, general, ticks
 from hd_sim.truth import apply_hidden, true_parameters, truth_of
 
-# ----------------------------------------------------------------------------------------------------
-# Columns of a simulated recording as a bag: what a drive network would publish, and nothing that is hidden.
+# ---- As a bag: what a drive network would publish, and nothing that is hidden ----------------------
 
 
 RUN_ID = "simulation_00000"
@@ -88,8 +89,7 @@ def write_bag(
         return writer.close()
 
 
-# ----------------------------------------------------------------------------------------------------
-# A servo drive in front of a single joint: cascaded position and velocity loops on the motor encoder, tick by tick.
+# ---- The servo drive: cascaded position and velocity loops on the motor encoder, tick by tick ------
 #
 # The law is written in plain numbers, because a campaign runs it some hundred million times. It knows the user's data
 # sheet (feed-forward) and its own sensors, never the world's parameters.
@@ -208,7 +208,7 @@ def _loop(
     return rows
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The pair --------------------------------------------------------------------------------------
 
 
 FIT_S, HELD_OUT_S = 60.0, 24.0
