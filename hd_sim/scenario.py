@@ -13,13 +13,9 @@ import numpy as np
 
 from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import ConfigError
-from hd_control.laws.trajectory import Goal
+from hd_control.laws.trajectory import QUINTIC_PEAK, Goal
 
 # ---- Motions: knots of position, velocity and acceleration that a quintic spline passes through ----
-
-
-QUINTIC_PEAK = 1.875
-"""Peak velocity of the rest-to-rest quintic is 1.875 D / T."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +42,9 @@ def rest(start: FloatArray, duration: float) -> Motion:
     return Motion(np.zeros(0), none, none, none, duration, (0.5 * duration, duration))
 
 
-def steps(start: FloatArray, size: float = 0.02, time: float = 0.15, dwell: float = 0.45) -> Motion:
-    """Each joint moves by `size` rad in `time` s, one after the other."""
+def steps(start: FloatArray) -> Motion:
+    """Each joint moves by 0.02 rad in 0.15 s, one after the other, with 0.45 s in between."""
+    size, time, dwell = 0.02, 0.15, 0.45
     times, points, clock = [1.0], [start], 1.0
     for moved in np.eye(start.size):
         target = points[-1] + size * moved
