@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from hd_control.lab.signals.joint_signals import Recording
 
 NAME = "add"
-HELP = "fits an effect to a recording and writes the model that has it, with intervals and provenance"
+HELP = "fit an effect to a recording and write the model that has it, with intervals and provenance"
 EXAMPLE = """hd add kinematic_error --model arm_a.yaml --bag bags/run1 --joint joint_3 -o better.yaml
   hd add --refit --model arm_a.yaml --bag bags/run1 -o refitted.yaml"""
 SCHEMA = "hd.add/1"
@@ -80,7 +80,7 @@ def _joints(arguments: argparse.Namespace, recording: Recording, model: Model) -
 
     joints = chosen_joints(arguments, recording, model)
     if arguments.effect and not arguments.joint and len(joints) > 1:
-        raise HdError(f"add: which joint misses {arguments.effect}? give --joint; there is {', '.join(joints)}")
+        raise HdError(f"add: give with --joint the joint that gets {arguments.effect}; there is {', '.join(joints)}")
     return joints
 
 

@@ -26,7 +26,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--runs", type=int, default=15, help="runs of each short measurement [15]")
     parser.add_argument("--seconds", type=float, default=10.0, help="length of each live run [10]")
     parser.add_argument(
-        "--growth", nargs="*", metavar="CURVE", choices=CURVES, help=f"also curves, {', '.join(CURVES)} [all]; minutes"
+        "--growth",
+        nargs="*",
+        metavar="CURVE",
+        choices=CURVES,
+        help=f"also the curves {', '.join(CURVES)} [all]; takes minutes",
     )
     parser.add_argument("--update", action="store_true", help="keep what --json FILE has and this run does not measure")
     parser.add_argument("--png", metavar="DIR", help="draw the curves; needs a browser")

@@ -29,7 +29,9 @@ FIELDS = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of the command."""
     parser.add_argument("bag", metavar="BAG", help="recording of a slow turn: bag folder, .mcap or .db3 file")
-    parser.add_argument("--model", metavar="MODEL", required=True, help="model file: its links say the true torque")
+    parser.add_argument(
+        "--model", metavar="MODEL", required=True, help="model file; the true torque follows from its links"
+    )
     parser.add_argument("--params", metavar="FILE", default="fusion_node.yaml", help="fusion parameters to start from")
     parser.add_argument("-o", "--output", metavar="FILE", required=True, help="fusion parameters to write")
     parser.add_argument("--joint", metavar="NAME", action="append", help="only this joint; repeatable [all recorded]")

@@ -210,7 +210,7 @@ def node_lines(nodes: dict[str, dict[str, str]]) -> list[str]:
 
 
 NAME = "demo"
-HELP = "the story on live nodes: run, record, diagnose, add, and move better with the new model"
+HELP = "all of it on live nodes: run, record, diagnose, add, and track better with the new model"
 EXAMPLE = """hd demo
   hd demo --lockstep --seed 3
   hd demo --effect kinematic_error:4 --json demo.json
@@ -228,7 +228,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--effect", metavar="[JOINT/]NAME[:STRENGTH]", default="", help="hide this; hd simulate --list names them"
     )
     parser.add_argument("--single-joint", action="store_true", help="one joint instead of seven: a third of the time")
-    parser.add_argument("--all-joints", action="store_true", help="fit the models of all joints, not of suspects only")
+    parser.add_argument(
+        "--all-joints",
+        action="store_true",
+        help="fit the models of all joints, not only of those where something is missing",
+    )
     parser.add_argument("--separate", action="store_true", help="also in lock-step a process for each node; slower")
     parser.add_argument("--keep", action="store_true", help="also keep logs and an attempt that was given up")
     parser.add_argument("--domain", metavar="N", type=int, help="ROS domain [one that is free]")

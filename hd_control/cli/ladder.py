@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from hd_control.lab.signals.joint_signals import Recording
 
 NAME = "ladder"
-HELP = "diagnose and add in a loop; the error ladder on data that were not used for fitting"
+HELP = "diagnose and add until only noise stays; the error, rung by rung, on data not used for fitting"
 EXAMPLE = "hd ladder bags/run1 --held-out bags/run2 --model arm_a.yaml -o better.yaml --json ladder.json"
 SCHEMA = "hd.ladder/1"
 

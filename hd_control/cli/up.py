@@ -25,7 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--params", nargs=2, action="append", default=[], metavar=("NODE", "FILE"), help="params file of a node"
     )
-    parser.add_argument("--ticks", type=int, default=0, metavar="N", help="leave after N ticks of the plant; 0: stay")
+    parser.add_argument(
+        "--ticks", type=int, default=0, metavar="N", help="end after N ticks of the plant; 0: run until Ctrl-C"
+    )
     parser.add_argument("--no-real-time", action="store_true", help="do not ask for real-time priority")
 
 

@@ -207,7 +207,7 @@ def _command(name: str) -> Iterator[list[str]]:
     yield ["```sh parse", *(line.strip() for line in module.EXAMPLE.splitlines()), "```"]
     yield from _options(parser)
     if getattr(module, "PASS_UNKNOWN", False):
-        yield ["Options that it does not know are handed on."]
+        yield ["Unknown options go to pytest."]
 
 
 def _options(parser: argparse.ArgumentParser) -> Iterator[list[str]]:
@@ -235,7 +235,7 @@ def _command_row(action: argparse.Action) -> tuple[str, str]:
     shown = ", ".join(code(f"{name} {value}".strip()) for name in names)
     required = " **required**" if action.option_strings and action.required else ""
     repeatable = isinstance(action, argparse._AppendAction) and "repeatable" not in (action.help or "")
-    return shown, (action.help or "") + ("; repeatable" if repeatable else "") + required
+    return shown, (action.help or "").replace("%%", "%") + ("; repeatable" if repeatable else "") + required
 
 
 def _value(action: argparse.Action) -> str:
