@@ -15,6 +15,14 @@ namespace hd {
 
 constexpr std::size_t kSurplus = 8;  // unused bytes that a serialiser may append
 
+// builtin_interfaces/Time at a place of a message.
+inline void put_stamp(std::string& bytes, std::size_t at, std::int64_t stamp_ns) {
+    const auto seconds = static_cast<std::int32_t>(stamp_ns / 1000000000);
+    const auto nanoseconds = static_cast<std::uint32_t>(stamp_ns - static_cast<std::int64_t>(seconds) * 1000000000);
+    std::memcpy(bytes.data() + at, &seconds, 4);
+    std::memcpy(bytes.data() + at + 4, &nanoseconds, 4);
+}
+
 struct Copy {
     std::size_t from;  // byte offset in the message
     double* to;
@@ -59,7 +67,8 @@ struct Join {
 
     explicit Join(std::int64_t dt) : dt_ns(dt) {}
 
-    // Takes one message. A newer tick abandons an incomplete older one; a tick that is past or already there is dropped.
+    // Takes one message. A newer tick abandons an incomplete older one; a tick that is past or already there is
+    // dropped.
     Offer offer(std::size_t index, std::string_view data) {
         Input& input = inputs[index];
         if (!input.layout.matches(data)) return kOtherLayout;
@@ -110,12 +119,7 @@ struct Message {
     std::size_t stamp_at = 0;
     std::vector<std::pair<std::size_t, std::size_t>> copies;  // byte offset, index in the source array
 
-    void stamp(std::int64_t stamp_ns) {
-        const auto seconds = static_cast<std::int32_t>(stamp_ns / 1000000000);
-        const auto nanoseconds = static_cast<std::uint32_t>(stamp_ns % 1000000000);
-        std::memcpy(bytes.data() + stamp_at, &seconds, 4);
-        std::memcpy(bytes.data() + stamp_at + 4, &nanoseconds, 4);
-    }
+    void stamp(std::int64_t stamp_ns) { put_stamp(bytes, stamp_at, stamp_ns); }
 };
 
 }  // namespace hd
