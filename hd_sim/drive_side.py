@@ -1,4 +1,4 @@
-"""The seam in front of the simulated drives: newest command, second gate, command watchdog, brake.
+"""What stands in front of the simulated drives: newest command, second gate, command watchdog, brake.
 
 It is the last code before the model, and it believes nothing of the controller. `plant_node` and the runner use the
 same object, so a command meets the same treatment with and without ROS.

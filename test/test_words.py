@@ -23,7 +23,7 @@ OLD = {"CHANGELOG.md", "test/test_words.py"}
 def found_in(text: str) -> list[str]:
     """Words of one line that are to be avoided; `cannot tell` is none."""
     rest = VERDICT.sub("", text)
-    return [match[0] for match in WORD.finditer(rest)] + [phrase for phrase in PHRASES if phrase in text]
+    return [match[0] for match in WORD.finditer(rest)] + [phrase for phrase in PHRASES if phrase in text.lower()]
 
 
 def tracked() -> list[str]:

@@ -31,7 +31,7 @@ class MotionStage(Stage):
     """Follows one path, holds the measured position before the first and after a joint has lost its reference.
 
     `controller_mode` is the worst mode that the torque law has reported, "" before the first; any thread may set it.
-    While it is DEGRADED the path runs slowly (`slow_motion`) and new goals are refused.
+    While it is DEGRADED the path runs slowly (`SlowMotion`) and new goals are refused.
     """
 
     def __init__(self, robot: Robot, dt: float, blend_time: float) -> None:

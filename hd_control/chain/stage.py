@@ -109,7 +109,7 @@ OK, WARN, ERROR = 0, 1, 2
 
 
 class Stage:
-    """One law with its wiring. `adopt` may be called by any thread: a reference is swapped (stages/model_ramp.py).
+    """One law with its wiring. `adopt` may be called by any thread: a reference is swapped (`ModelRamp`).
 
     `law` is a law module (docs/architecture.md). `joint_names` are the joints that it runs, all if empty.
     """

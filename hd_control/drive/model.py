@@ -1,6 +1,6 @@
 """The model of a robot: per joint a list of effects with parameter values, and where every value comes from.
 
-model = load_model("arm_a.yaml")                  # drive/model_yaml.py, schema hd.model/1
+model = load_model("arm_a.yaml")                  # drive/model_file.py, schema hd.model/1
 joint = model.joints["joint_1"]
 joint.effects["coulomb_friction"]["coulomb_torque"].value
 """

@@ -32,7 +32,7 @@ def model_sha256(model: Model) -> str:
 
 
 def model_text(model: Model) -> str:
-    """YAML of schema hd.model/1 that `drive/model_yaml.py` reads back to an equal model."""
+    """YAML of schema hd.model/1 that `parse_model` reads back to an equal model."""
     lines = ["schema: hd.model/1"]
     if model.robot is not None:
         lines += _robot_lines(model.robot)

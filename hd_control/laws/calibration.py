@@ -4,7 +4,7 @@
 
 Linear least squares; errors by leaving out one block of time after the other, so that slow residuals count. f, the
 friction of the link's bearing, is no parameter of the bridge: it only keeps the offset clean, where the joint turns in
-both directions. The same model as `gauge_bridge` and as the fusion law inverts.
+both directions. The same model as the fusion law inverts.
 """
 
 from __future__ import annotations

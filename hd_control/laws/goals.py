@@ -262,7 +262,7 @@ class GoalLimits:
 def check_goal(
     goal: Goal, follower: TrajectoryFollower, limits: GoalLimits, measured_position: ArrayLike, tick: int
 ) -> Path:
-    """The path to hand to `follower.accept`. `measured_position` (n,) rad at `tick`. Raises GoalError."""
+    """The path to hand to `TrajectoryFollower.accept`. `measured_position` (n,) rad at `tick`. Raises GoalError."""
     check_size(goal)
     check_names(goal, limits.robot.joint_names, limits.allow_partial)
     check_arrays(goal)

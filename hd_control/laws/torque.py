@@ -2,8 +2,8 @@
 
 - `adaptive`: Zhu, section III.
 - `direct` sends the required torque to the motor, for motion laws that command the motor themselves.
-- `torque_feedback`: Hashimoto (19), control/torque_feedback.py.
-- `integral_manifold`: Gandhi and Ghorbel (26), control/integral_manifold.py; follows the wanted position itself.
+- `torque_feedback`: Hashimoto (19), laws/torque_feedback.py.
+- `integral_manifold`: Gandhi and Ghorbel (26), laws/integral_manifold.py; follows the wanted position itself.
 
 `configure` picks the joints named by `joints` out of the lists of all joints; one joint alone computes the same bits as
 among seven. The kind of the parameter block says to `step` which law it belongs to.

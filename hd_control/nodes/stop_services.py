@@ -126,7 +126,7 @@ class BlackBoxService:
 
 
 def serve_black_box(node: Shell, boxes: Boxes) -> BlackBoxService:
-    """The service of a node and its service."""
+    """Starts the service of a node's black boxes."""
     service = BlackBoxService(node, boxes)
     node.create_service(Trigger, "~/black_box", service.answer)
     return service

@@ -64,9 +64,9 @@ def torsion_band(
 ) -> Band:
     """The widest band at whose top the torque over the stiffness still stands out of the noise of the torsion.
 
-    Beyond it a loop's answer to the encoder's noise is a larger part of the torque than the motion is, and that noise
-    is in the torsion too: they go together as no spring does. `torsion` rad, `torque` N m (n,); `quiet`: rows to
-    judge on.
+    Beyond it the loop's answer to the encoder's noise is a larger part of the torque than the motion is. That noise is
+    in the torsion too, so both are correlated, and not by the spring. `torsion` rad, `torque` N m (n,); `quiet`: rows
+    to judge on.
     """
     period = spectral.period
     density = 2.0 * period * noise_density(torsion, period) ** 2

@@ -201,7 +201,7 @@ def _gauge_curve(variable: str, x: FloatArray, knots: FloatArray) -> Curve:
 
 
 def misread(states: DriveStates, columns: FloatArray) -> Columns:
-    """What a torque that the gauge adds does: -1 on the rotor, +1 on the link, and a torsion that is not there."""
+    """Effect of a gauge bias on the three balances: -1 on the rotor, +1 on the link, a torsion that is not there."""
     found = {MOTOR: -columns, LINK: columns}
     if states.torsional_compliance > 0.0:
         torsion = _behind_damper(columns, states.damping_time / states.period)

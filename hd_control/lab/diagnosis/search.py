@@ -133,7 +133,7 @@ class Search:
         return self.scores.loss(self.index(selection)) + float(sum(extra))
 
     def margin(self, selection: Selection, channels: Sequence[str]) -> float:
-        """nats that a curve on these channels must gain beyond: what laws with a shape may leave by not being exact."""
+        """nats by which a curve on these channels must gain more: what an inexact law with a shape may leave there."""
         limits, found = self.thresholds, [0.0]
         for g in selection:
             if g.effect is not None and set(g.channels) & set(channels):
@@ -213,8 +213,8 @@ class Search:
         return selection
 
     def prune(self, selection: Selection) -> Selection:
-        """Without what strong neighbours on the same channel leave behind because no law is exact, and without effects
-        that are the part of a selected curve that happens to look like them."""
+        """Drops weak effects that only describe what the inexact law of a strong neighbour leaves on its channel, and
+        effects that merely resemble a part of a selected curve."""
         gains = {id(g): self.support(g, tuple(h for h in selection if h is not g)).gain for g in selection}
 
         def companion(g: Group, h: Group) -> bool:

@@ -201,7 +201,7 @@ def noises_of(task: Task) -> dict[str, Noise]:
 
 
 def compare(task: Task, written: FloatArray | None, noises: Mapping[str, Noise] | None = None) -> JointComparison:
-    """Residuals of the model as written (coefficients of `joint_task.written_coefficients`) and refitted.
+    """Residuals of the model as written (coefficients of `task.written_coefficients`) and refitted.
 
     The assembly zero of the joint sensor, small delays between signals and the noise of the gauge in the fast torsion
     are no properties of a model: they are always refitted.
