@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "capsules.hpp"
 #include "plane.hpp"
 #include "timed.hpp"
 
@@ -172,9 +173,8 @@ class Keeper {
     }
     template <typename T>
     T from_capsule(const py::object& given, const char* name) {
-        if (PyCapsule_IsValid(given.ptr(), name) == 0) refuse("no capsule of the expected kind");
         objects.push_back(given);
-        return *static_cast<T*>(PyCapsule_GetPointer(given.ptr(), name));
+        return hd::in_capsule<T>(given, name);
     }
     hd::Step step(const py::object& given, hd::Failure& failure) {
         if (PyCapsule_IsValid(given.ptr(), hd::kStepCapsule) != 0) {
@@ -512,13 +512,10 @@ void bind_timed(py::module_& m) {
         .def_property(
             "stands", [](TableFace& self) { return self.get().stands != 0.0; },
             [](TableFace& self, bool stands) { self.get().stands = stands ? 1.0 : 0.0; })
-        .def(
-            "commands_capsule",
-            [](TableFace& self) {
-                return py::capsule(new hd::Commands(self.get().commands()), hd::kCommandsCapsule,
-                                   [](void* commands) { delete static_cast<hd::Commands*>(commands); });
-            },
-            py::keep_alive<0, 1>());
+        .def("commands_capsule", [](const py::object& self) {
+            hd::CommandTable& table = self.cast<TableFace&>().get();
+            return hd::owned_capsule(table.commands(), hd::kCommandsCapsule, self);
+        });
     py::class_<TimedFace, LoopFace>(m, "TimedLoop")
         .def(py::init<std::int64_t, bool, std::int64_t, std::int64_t, int, const py::object&>(), py::arg("dt_ns"),
              py::arg("lockstep"), py::arg("recorder_lag"), py::arg("temperature_ticks"), py::arg("joints"),
