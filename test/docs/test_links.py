@@ -58,6 +58,12 @@ def test_pictures_are_used() -> None:
 PACKAGES = ("hd_control", "hd_sim", "test")
 
 
+def known_files() -> set[str]:
+    """Every file of the packages and the tests, and those of the root that a page may name."""
+    places = [*ROOT.glob("*.py"), *(path for name in PACKAGES for path in (ROOT / name).rglob("*"))]
+    return {str(path.relative_to(ROOT)) for path in places}
+
+
 def missing_files(text: str, known: set[str]) -> list[str]:
     """Folders and files that a page names between back-ticks and that are not there; of a short name the end counts."""
     folders = re.findall(r"`((?:hd_control|hd_sim|test|config|launch|requirements)/[\w/.-]+)`", text)
@@ -71,13 +77,24 @@ def missing_files(text: str, known: set[str]) -> list[str]:
 def test_files_named_in_the_text_exist(page: Path) -> None:
     if page.name == "CHANGELOG.md":
         return  # history: a file may be gone
-    places = [*ROOT.glob("*.py"), *(path for name in PACKAGES for path in (ROOT / name).rglob("*"))]
-    known = {str(path.relative_to(ROOT)) for path in places}
     written = {step.name for step in steps(page) if isinstance(step, Written)}
-    assert not missing_files(page.read_text(encoding="utf-8"), known | written)
+    assert not missing_files(page.read_text(encoding="utf-8"), known_files() | written)
 
 
 def test_a_missing_file_is_seen() -> None:
     known = {"hd_control/laws/motion.py"}
     text = "`hd_control/laws/motion.py`, `motion.py`, `laws/motion.py`, `otion.py`, `hd_sim/nowhere`"
     assert missing_files(text, known) == ["hd_sim/nowhere", "otion.py"]
+
+
+def test_files_named_in_the_code_exist() -> None:
+    """In docstrings and comments; files of other projects stand with their package, as `rclpy/...`."""
+    known, count, wrong = known_files(), 0, []
+    for path in sorted(path for name in PACKAGES[:2] for path in (ROOT / name).rglob("*.[hcp]*")):
+        if path.suffix not in (".py", ".hpp", ".cpp"):
+            continue
+        for name in re.findall(r"(?<![\w*./{-])(?!rclpy/)[a-z][a-z0-9_/]*\.(?:py|hpp|cpp)\b", path.read_text("utf-8")):
+            count += 1
+            if not any(f"/{file}".endswith(f"/{name}") for file in known):
+                wrong.append(f"{path.relative_to(ROOT)}: {name}")
+    assert count > 30 and not wrong, wrong
