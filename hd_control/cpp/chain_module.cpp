@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "capsules.hpp"
 #include "chain.hpp"
 #include "sequence.hpp"
 
@@ -59,11 +60,9 @@ py::list field_list() {
 }
 
 template <class Tick>
-py::capsule capsule_of(Tick& tick) {
-    auto* step = new Step{&tick, [](void* self, std::int64_t now) { static_cast<Tick*>(self)->act(now); }};
-    return py::capsule(step, kStepCapsule, [](void* pointer) {
-        delete static_cast<Step*>(pointer);
-    });
+py::capsule step_capsule(const py::object& self) {
+    const Step step{&self.cast<Tick&>(), [](void* tick, std::int64_t now) { static_cast<Tick*>(tick)->act(now); }};
+    return owned_capsule(step, kStepCapsule, self);
 }
 
 // ------------------------------------------------------------------------------------------------ guard
@@ -167,10 +166,7 @@ void bind_parameters(Class& c) {
         .def_readwrite("has_state", &Tick::has_state)
         .def("start", &Tick::start)
         .def("act", &Tick::act)
-        .def("step_capsule", [](const py::object& self) {
-            py::capsule made = capsule_of(self.cast<Tick&>());
-            return made;
-        }, py::keep_alive<0, 1>());
+        .def("step_capsule", &step_capsule<Tick>);
 }
 
 // ------------------------------------------------------------------------------------------------ stages
@@ -291,6 +287,12 @@ void bind_torque(py::module_& m) {
                                py::return_value_policy::reference_internal)
         .def_property_readonly("rows", [](const TorqueTick& t) { return rows_of(t.rows); })
         .def_property_readonly("mode", &TorqueTick::mode)
+        .def("mode_capsule", [](const py::object& self) {
+            const Reading reading{&self.cast<TorqueTick&>(), [](void* tick) {
+                return static_cast<std::int64_t>(static_cast<TorqueTick*>(tick)->mode());
+            }};
+            return owned_capsule(reading, kReadingCapsule, self);
+        })
         .def_readwrite("gate_open", &TorqueTick::gate_open)
         .def_readwrite("degraded_samples", &TorqueTick::degraded_samples)
         .def_readwrite("lost", &TorqueTick::lost)
@@ -333,9 +335,8 @@ void bind_sequence(py::module_& m) {
             return s.run(first, count, flag);
         }, py::arg("first"), py::arg("count"), py::arg("stop") = py::none())
         .def("step_capsule", [](const py::object& self) {
-            auto* step = new Step{&self.cast<Sequence&>(), &Sequence::run_one};
-            return py::capsule(step, kStepCapsule, [](void* pointer) { delete static_cast<Step*>(pointer); });
-        }, py::keep_alive<0, 1>());
+            return owned_capsule(Step{&self.cast<Sequence&>(), &Sequence::run_one}, kStepCapsule, self);
+        });
 }
 
 }  // namespace

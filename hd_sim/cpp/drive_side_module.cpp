@@ -1,4 +1,5 @@
 // Python face of the drive side: hd_sim._drive_side.
+#include "capsules.hpp"
 #include "drive_side.hpp"
 
 #include <pybind11/numpy.h>
@@ -41,9 +42,23 @@ std::unique_ptr<DriveSide> make_drive_side(const py::capsule& world, int n, std:
 
 template <void (DriveSide::*Act)(std::int64_t)>
 py::capsule tick_capsule(const py::object& self) {
-    auto* step = new hd::Step{&self.cast<DriveSide&>(),
-                              [](void* side, std::int64_t tick) { (static_cast<DriveSide*>(side)->*Act)(tick); }};
-    return py::capsule(step, hd::kStepCapsule, [](void* pointer) { delete static_cast<hd::Step*>(pointer); });
+    const hd::Step step{&self.cast<DriveSide&>(),
+                        [](void* side, std::int64_t tick) { (static_cast<DriveSide*>(side)->*Act)(tick); }};
+    return hd::owned_capsule(step, hd::kStepCapsule, self);
+}
+
+// Where a loop leaves the commands that arrive.
+py::capsule commands_capsule(const py::object& self) {
+    const hd::Commands commands{
+        &self.cast<DriveSide&>(),
+        [](void* side, const int* joints, int count, const double* torque, std::int64_t tick) {
+            return static_cast<DriveSide*>(side)->offer(joints, count, torque, tick);
+        },
+        [](void* side, int joint) {
+            return static_cast<DriveSide*>(side)->command_tick[static_cast<std::size_t>(joint)];
+        },
+        [](void* side) { return static_cast<DriveSide*>(side)->guard.stopped(); }};
+    return hd::owned_capsule(commands, hd::kCommandsCapsule, self);
 }
 
 py::array rows_of(const double* rows, int count, int width) {
@@ -100,19 +115,20 @@ PYBIND11_MODULE(_drive_side, m) {
             s.refused = s.reset(velocity.data(), s.refusals.data());
             return rows_of(s.refusals.data(), s.refused, 4);
         })
-        .def("measure_capsule", &tick_capsule<&DriveSide::measure>, py::keep_alive<0, 1>())
+        .def("measure_capsule", &tick_capsule<&DriveSide::measure>)
         .def("advance_capsule", [](const py::object& self) {
-            auto* step = new hd::Step{&self.cast<DriveSide&>(),
-                                      [](void* side, std::int64_t) { static_cast<DriveSide*>(side)->advance(); }};
-            return py::capsule(step, hd::kStepCapsule, [](void* p) { delete static_cast<hd::Step*>(p); });
-        }, py::keep_alive<0, 1>())
+            const hd::Step step{&self.cast<DriveSide&>(),
+                                [](void* side, std::int64_t) { static_cast<DriveSide*>(side)->advance(); }};
+            return hd::owned_capsule(step, hd::kStepCapsule, self);
+        })
+        .def("commands_capsule", &commands_capsule)
         // The command of a run without topics: what the chain has allowed, taken at the end of each tick.
         .def("take_capsule", [](const py::object& self) {
-            auto* step = new hd::Step{&self.cast<DriveSide&>(), [](void* side, std::int64_t tick) {
+            const hd::Step step{&self.cast<DriveSide&>(), [](void* side, std::int64_t tick) {
                 auto* drive = static_cast<DriveSide*>(side);
                 drive->offer(nullptr, drive->n, drive->incoming.data(), tick);
             }};
-            return py::capsule(step, hd::kStepCapsule, [](void* p) { delete static_cast<hd::Step*>(p); });
-        }, py::keep_alive<0, 1>())
+            return hd::owned_capsule(step, hd::kStepCapsule, self);
+        })
         .def_property_readonly("incoming", block(&DriveSide::incoming));
 }
