@@ -22,7 +22,6 @@ from hd_sim.runner import RunSetup
 from hd_sim.scenario import Plan, Scenario, make_plan
 from hd_sim.truth import HiddenEffect, apply_hidden, nominal, true_parameters, truth_of, write_seal
 
-ROBOTS = ("arm", "single_joint")
 NODES = ("motion_node", "torque_node")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -23,14 +23,12 @@ Variant = Literal["open", "paper", "integral", "improved"]
 
 @dataclass(frozen=True)
 class TorqueExperiment:
-    """What a run is made of. `law` changes single parameters, `noise_seed` None leaves the gauge without noise."""
+    """What a run is made of. `noise_seed` None leaves the gauge without noise."""
 
     motion: Motion
     variant: Variant = "paper"
     locked: bool = True
-    amplitude: float = 0.0
     noise_seed: int | None = None
-    law: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -42,7 +40,6 @@ class TorqueRun:
     required_rate: FloatArray
     torque: FloatArray
     motor_torque: FloatArray
-    experiment: TorqueExperiment = field(repr=False)
 
 
 def required_torque(c: Constants, experiment: TorqueExperiment) -> FloatArray:
@@ -50,11 +47,11 @@ def required_torque(c: Constants, experiment: TorqueExperiment) -> FloatArray:
     period = c["period"]
     if experiment.motion == "step":
         rows = np.zeros((round(1.0 / period), 3))
-        rows[round(0.1 / period) :, 0] = experiment.amplitude or c["step_amplitude"]
+        rows[round(0.1 / period) :, 0] = c["step_amplitude"]
         return rows
     static = experiment.motion == "static"
     frequency = c["static_frequency"] if static else c["wave_frequency"]
-    size = experiment.amplitude or (c["static_amplitude"] if static else c["wave_amplitude"])
+    size = c["static_amplitude"] if static else c["wave_amplitude"]
     time = np.arange(round((c["static_cycles"] / frequency if static else 1.5) / period)) * period
     w = 2.0 * math.pi * frequency
     wave = size * np.stack((np.sin(w * time), w * np.cos(w * time), -(w**2) * np.sin(w * time)), axis=1)
@@ -81,7 +78,6 @@ def law_values(c: Constants, experiment: TorqueExperiment) -> dict[str, Any]:
     numbers |= {"motor_torque_limit": UNLIMITED, "link_inertia": 0.0 if experiment.locked else c["link_inertia"]}
     numbers["feedback_integral"] = c["feedback_integral"] if experiment.variant in ("integral", "improved") else 0.0
     numbers["feedback_friction"] = c["friction_share"] * c["coulomb_torque"] if improved else 0.0
-    numbers |= dict(experiment.law)
     values: dict[str, Any] = {name: [float(number)] for name, number in numbers.items()}
     return values | {"joint_names": [JOINT], "setpoint_kick": False, "torque_rate_cutoff": c["torque_rate_cutoff"]}
 
@@ -107,7 +103,7 @@ def run(experiment: TorqueExperiment) -> TorqueRun:
         law.step_in_place(params, state, sample, wanted, output, period)
         motor[k + c["command_delay"]] = rows[k, 0] if experiment.variant == "open" else output.array[0]
         plant.advance(motor[k], step, substeps)
-    return TorqueRun(np.arange(samples) * period, rows[:, 0], rows[:, 1], torque, motor[:samples], experiment)
+    return TorqueRun(np.arange(samples) * period, rows[:, 0], rows[:, 1], torque, motor[:samples])
 
 
 def half_width(result: TorqueRun) -> tuple[float, float]:

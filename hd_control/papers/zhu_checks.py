@@ -31,16 +31,19 @@ from hd_control.papers.zhu_table import JOINTS, PAPER, chosen, describe, experim
 
 
 UNLIMITED = 1e12
+IDEAL_CASE = Case("single_joint_7", ("slow",))
+"""Whose drive and law the ideal runs have."""
+LOOP_TICKS, LOOP_RESOLUTION = 3000, 2e-3
+RANDOM_STATES = 200
 ERRORS = ("velocity_error", "position_error", "rate_error", "torque_error")
 
 
 @dataclass(frozen=True)
 class IdealRun:
-    """Samples (k,): time s, V1 J, disturbance N m, and errors by name; `ratios`: left over right side of (15)-(18)."""
+    """Samples (k,): time s, V1 J, and errors by name; `ratios`: left over right side of (15)-(18)."""
 
     time: FloatArray
     lyapunov: FloatArray
-    disturbance: FloatArray
     errors: dict[str, FloatArray]
     ratios: dict[str, float]
 
@@ -50,9 +53,9 @@ class IdealRun:
         return float((self.lyapunov - np.minimum.accumulate(self.lyapunov)).max() / self.lyapunov[0])
 
 
-def law_of(joint: int, step: float, rate_gain: float | None = None) -> Block:
-    """The paper's law of one joint, `literal`, undamped differences. `rate_gain` may break k_f d lambda_tau < 1."""
-    values = setup_of(Case(f"single_joint_{joint}", ("slow",))).node_values("torque_node")
+def law_of(step: float, rate_gain: float | None = None) -> Block:
+    """The paper's law, `literal`, undamped differences. `rate_gain` may break k_f d lambda_tau < 1."""
+    values = setup_of(IDEAL_CASE).node_values("torque_node")
     values |= {"compliance_derivative": "literal", "derivative_cutoff": 1.0 / step, "motor_torque_limit": [UNLIMITED]}
     params = torque.configure(values, None, step)
     params.derivative_pole = 0.0
@@ -64,8 +67,8 @@ def law_of(joint: int, step: float, rate_gain: float | None = None) -> Block:
 class IdealDrive:
     """One drive, Zhu (1)-(4), semi-implicit steps; the link moves as given."""
 
-    def __init__(self, joint: int, friction: bool) -> None:
-        drives = plant_of(Case(f"single_joint_{joint}", ("slow",))).drives
+    def __init__(self, friction: bool) -> None:
+        drives = plant_of(IDEAL_CASE).drives
         self.k_f = float(drives["stiffness_linear"][0])
         self.k_d = float(drives["torsional_damping"][0])
         self.inertia = float(drives["rotor_inertia"][0])
@@ -93,12 +96,12 @@ def prescribed(t: float) -> tuple[float, float, float]:
     return a * math.sin(w * t), a * w * math.cos(w * t), b * math.sin(v * t) + mean
 
 
-def ideal_run(joint: int = 7, step: float | None = None, disturbed: bool = False) -> IdealRun:
+def ideal_run(disturbed: bool = False) -> IdealRun:
     """The law on the ideal drive, from 0.1 rad beside the desired rotor angle, with or without u_d in L2."""
     constants = load_constants("zhu")
-    dt = constants["ideal_step"] if step is None else step
+    dt = constants["ideal_step"]
     size, fade, pitch = constants["ideal_disturbance"]
-    drive, params = IdealDrive(joint, True), law_of(joint, dt)
+    drive, params = IdealDrive(True), law_of(dt)
     state, sample, reference = torque.initial_state(params), torque.new_sample(1), torque.new_reference(1)
     ticks = round(constants["ideal_duration"] / dt)
     rows = np.empty((ticks, 6))
@@ -115,7 +118,7 @@ def ideal_run(joint: int = 7, step: float | None = None, disturbed: bool = False
         rows[k] = (u_d, *proof_terms(params, output, drive, (q, q_v, tau_r, tau)))
         drive.advance(float(output.motor_torque[0]) + u_d, tau, dt)
     errors = dict(zip(ERRORS, rows[:, 2:].T, strict=True))
-    return IdealRun(dt * np.arange(ticks), rows[:, 1], rows[:, 0], errors, _ratios(params, drive.k_f, rows, dt))
+    return IdealRun(dt * np.arange(ticks), rows[:, 1], errors, _ratios(params, drive.k_f, rows, dt))
 
 
 def proof_terms(
@@ -156,16 +159,16 @@ def _ratios(params: Block, k_f: float, rows: FloatArray, dt: float) -> dict[str,
     return {name: float((rows[:, 2 + i] ** 2).sum() * dt / right[name]) for i, name in enumerate(ERRORS)}
 
 
-def loop_grows(gain: float, joint: int = 7, ticks: int = 3000) -> bool:
+def loop_grows(gain: float) -> bool:
     """Whether the algebraic loop of remark 3.1 with gain k_f d lambda_tau grows: no delay, no filter, no friction."""
     dt = load_constants("zhu")["loop_step"]
-    drive = IdealDrive(joint, False)
-    params = law_of(joint, dt, gain / drive.k_d)
+    drive = IdealDrive(False)
+    params = law_of(dt, gain / drive.k_d)
     params.adapt_friction = params.adapt_compliance = 0.0
     state, sample, reference = torque.initial_state(params), torque.new_sample(1), torque.new_reference(1)
-    seen = np.empty(ticks)
+    seen = np.empty(LOOP_TICKS)
     drive.phi = -1e-6
-    for k in range(ticks):
+    for k in range(LOOP_TICKS):
         sample.joint_torque = tau = drive.torque(0.0, 0.0)
         sample.motor_position, sample.motor_velocity = drive.phi, drive.v
         output, state = torque.step(params, state, sample, reference, dt)
@@ -174,20 +177,20 @@ def loop_grows(gain: float, joint: int = 7, ticks: int = 3000) -> bool:
         if not abs(u) < 1e9:
             return True
     swing = np.abs(np.diff(seen, 2))
-    tenth = ticks // 10
+    tenth = LOOP_TICKS // 10
     return bool(swing[-tenth:].max() > swing[tenth : 2 * tenth].max())
 
 
-def loop_limit(resolution: float = 2e-3) -> float:
+def loop_limit() -> float:
     """The largest stable gain of the algebraic loop, by bisection between 0.2 and 5."""
     low, high = 0.2, 5.0
-    while high - low > resolution:
+    while high - low > LOOP_RESOLUTION:
         middle = 0.5 * (low + high)
         low, high = (low, middle) if loop_grows(middle) else (middle, high)
     return 0.5 * (low + high)
 
 
-def regressor_difference(seed: int, states: int = 200) -> float:
+def regressor_difference(seed: int) -> float:
     """Largest difference of Zhu (36), (39) from Pinocchio's inverse dynamics, N m: arms A, B and C, random states."""
     import pinocchio
 
@@ -196,9 +199,9 @@ def regressor_difference(seed: int, states: int = 200) -> float:
         robot = Robot.from_file(name)
         model: Any = robot.pinocchio_model()
         data = model.createData()
-        q, v, a = rng.uniform(-2.0, 2.0, (3, states, robot.joints))
+        q, v, a = rng.uniform(-2.0, 2.0, (3, RANDOM_STATES, robot.joints))
         ours = rigid_torque(robot, q, v, a)
-        theirs = [pinocchio.rnea(model, data, q[i], v[i], a[i]).copy() for i in range(states)]
+        theirs = [pinocchio.rnea(model, data, q[i], v[i], a[i]).copy() for i in range(RANDOM_STATES)]
         worst = max(worst, float(np.abs(ours - np.array(theirs)).max()))
     return worst
 
@@ -245,7 +248,7 @@ def rows(found: Mapping[Case, Outcome], quick: bool, seeds: Sequence[int]) -> li
     """All rows of this part; the quick ones need no further runs."""
     seed = seeds[0]
     made = [*adaptation_rows(found, seed), *proof_rows(ideal_run(), ideal_run(disturbed=True)), loop_row()]
-    text = "arms A, B and C, 200 random states each, torque against Pinocchio's inverse dynamics"
+    text = f"arms A, B and C, {RANDOM_STATES} random states each, torque against Pinocchio's inverse dynamics"
     difference = regressor_difference(seed)
     made.append(Row("vdc.regressor.vs_rnea", PAPER, "(33)-(39)", "N m", None, difference, ROUNDING, text))
     if quick:

@@ -39,19 +39,16 @@ BOUNDS = {name: name if name in ("coulomb_torque", "friction_offset", "torsional
 class Outcome:
     """What a run gave; arrays (n,). `error` rad over the window, NaN if the gate stopped the robot.
 
-    `slowest`, `fastest`: 0.1 s mean velocity over the largest desired one; `reversals`: how often it changes its sign.
-    `outside`: largest excess of an estimate over its bounds, as a share of their distance; `held`: share of samples in
-    which some estimate of the joint stands on a bound. `torque_step`: largest change of the command in a sample, N m.
+    `reversals`: how often the 0.1 s mean velocity changes its sign. `outside`: largest excess of an estimate over its
+    bounds, as a share of their distance; `held`: share of samples in which some estimate of the joint stands on a
+    bound. `torque_step`: largest change of the command in a sample, N m.
     """
 
     error: FloatArray
-    slowest: FloatArray
-    fastest: FloatArray
     reversals: FloatArray
     outside: float
     held: float
     torque_step: FloatArray
-    stopped: bool
 
 
 @dataclass(frozen=True)
@@ -143,11 +140,7 @@ def play(case: Case) -> Outcome:
         outside, held = max(outside, float(excess.max())), held | (excess >= 0.0)
     step = np.abs(np.diff(seen.command[round(0.5 / period) :], axis=0)).max(axis=0)
     turns = (np.diff(np.sign(pace), axis=0) != 0).sum(axis=0).astype(float)
-    stopped = seen.stopped
-    return Outcome(
-        np.full_like(error, np.nan) if stopped else error,
-        pace.min(axis=0), pace.max(axis=0), turns, outside, float(held.mean()), step, stopped,
-    )  # fmt: skip
+    return Outcome(np.full_like(error, np.nan) if seen.stopped else error, turns, outside, float(held.mean()), step)
 
 
 def mean_pace(position: FloatArray, period: float) -> FloatArray:

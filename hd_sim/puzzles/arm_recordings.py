@@ -26,7 +26,7 @@ _COLUMNS = ("motor_shaft_position", "joint_position", "gauge_torque", "motor_tor
 
 @dataclass(frozen=True)
 class ArmPair:
-    """As `pairs.Pair`, for all joints: columns are (n, joints), `models` and `truth["joints"]` by joint name."""
+    """As `recordings.Pair`, for all joints: columns are (n, joints), `models` and `truth["joints"]` by joint name."""
 
     seed: int
     arm: str
@@ -52,14 +52,14 @@ def draw_arm_effects(seed: int, joint_names: tuple[str, ...]) -> list[HiddenEffe
     return found
 
 
-def make_arm_pair(seed: int, effects: list[HiddenEffect] | None = None, arm: str = "") -> ArmPair:
+def make_arm_pair(seed: int, effects: list[HiddenEffect] | None = None) -> ArmPair:
     """The arm's pair of a seed; `effects` None: drawn. About 3 s of computing.
 
     Raises ConfigError if the arm stopped.
     """
     rng = stream(seed, "arm")
-    drawn = ARMS[int(rng.integers(len(ARMS)))]
-    visible = _sensors(nominal(PlantConfig.from_file(arm or drawn)), rng)
+    arm = ARMS[int(rng.integers(len(ARMS)))]
+    visible = _sensors(nominal(PlantConfig.from_file(arm)), rng)
     names = visible.robot.joint_names
     hidden = draw_arm_effects(seed, names) if effects is None else effects
     world = apply_hidden(visible, hidden, seed)
@@ -73,7 +73,7 @@ def make_arm_pair(seed: int, effects: list[HiddenEffect] | None = None, arm: str
             joints[names[index]]["parameters"][effect.name] = true_parameters(effect.name, visible, world, index)
     truth = {"joints": joints, "world": truth_of(visible, hidden, seed)}
     models = {name: _model(visible, index, rng) for index, name in enumerate(names)}
-    return ArmPair(seed, arm or drawn, names, visible.robot.urdf, visible.period, fit, held_out, models, truth)
+    return ArmPair(seed, arm, names, visible.robot.urdf, visible.period, fit, held_out, models, truth)
 
 
 def _sensors(config: PlantConfig, rng: np.random.Generator) -> PlantConfig:

@@ -62,11 +62,11 @@ class Row:
         return asdict(self) | {"share": self.share}
 
 
-def interval(hits: int, count: int, level: float = 0.95) -> tuple[float, float]:
-    """Exact interval of a share (Clopper and Pearson, 1934); (0, 1) for nothing counted."""
+def interval(hits: int, count: int) -> tuple[float, float]:
+    """Exact 95 % interval of a share (Clopper and Pearson, 1934); (0, 1) for nothing counted."""
     from scipy.stats import beta
 
-    tail = 0.5 * (1.0 - level)
+    tail = 0.025
     low = float(beta.ppf(tail, hits, count - hits + 1)) if hits else 0.0
     high = float(beta.ppf(1.0 - tail, hits + 1, count - hits)) if hits < count else 1.0
     return low, high
@@ -351,13 +351,11 @@ def _held_out(question: Question, effects: Sequence[str]) -> float:
 
 
 SCHEMA = "hd.campaign/1"
-RANGES = {"development": (0, 99_999), "calibration": (100_000, 199_999), "test": (900_000, 999_999)}
-"""Seeds by purpose; see docs/challenge.md."""
 
 
 @dataclass(frozen=True)
 class Question:
-    """What the diagnosis may know: two recordings and the nominal model of one joint, as in `pairs.Pair`."""
+    """What the diagnosis may know: two recordings and the nominal model of one joint, as in `recordings.Pair`."""
 
     period: float
     fit: Mapping[str, FloatArray]
@@ -375,7 +373,7 @@ the others, and `held_out_share`, held-out reduction of the answer over that of 
 
 @dataclass(frozen=True)
 class Campaign:
-    """Seeds `seed` to `seed + count - 1` of one kind (mix or a category); `judge` as in `cases.draw_case`."""
+    """Seeds `seed` to `seed + count - 1` of one kind (mix or a category); `judge` as in `draw.draw_case`."""
 
     count: int
     seed: int

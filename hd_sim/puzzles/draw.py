@@ -342,7 +342,7 @@ def draw_case(seed: int, category: str = "mix", judge: bool | None = None) -> Ca
     return Case(seed, category, tuple(effects), names, unknown, step, motion, features)
 
 
-def chosen_case(seed: int, effects: Mapping[str, float], motion: str = "general", judge: bool = False) -> Case:
+def chosen_case(seed: int, effects: Mapping[str, float], motion: str = "general") -> Case:
     """A case with given effects and strengths; unknown ones by their name in `hd_sim.hidden_effects`."""
     names = tuple(name for name in effects if name in VOCABULARY)
     unknown = tuple(name for name in effects if name in UNKNOWN)
@@ -351,7 +351,7 @@ def chosen_case(seed: int, effects: Mapping[str, float], motion: str = "general"
         raise ConfigError(f"unknown effect {missing[0]!r}; there is {', '.join((*VOCABULARY, *UNKNOWN))}")
     category = "poor" if motion != "general" else "unknown" if unknown else ("none", "one", "two")[min(len(names), 2)]
     hidden = tuple(HiddenEffect(0, name, strength) for name, strength in effects.items())
-    return Case(seed, category, hidden, names, unknown, "", motion, draw_features(seed, names, judge))
+    return Case(seed, category, hidden, names, unknown, "", motion, draw_features(seed, names, False))
 
 
 def draw_features(seed: int, names: tuple[str, ...], judge: bool | None) -> dict[str, Any]:

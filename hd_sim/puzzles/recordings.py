@@ -60,9 +60,8 @@ def write_bag(
     robot: str,
     period: float,
     metadata: Mapping[str, str],
-    force: bool = False,
 ) -> Path:
-    """Writes columns (n,) or (n, joints), named as in `pairs.Pair`, with the user's robot description (URDF text).
+    """Writes columns (n,) or (n, joints), named as in `Pair`, with the user's robot description (URDF text).
 
     Nothing that `metadata` does not say is added, no seed in particular. Raises BagError.
     """
@@ -71,7 +70,7 @@ def write_bag(
     tables["reference_velocity"] = np.asarray(np.gradient(tables["reference_position"], period, axis=0), np.float64)
     period_ns = round(period * 1e9)
     stamps = np.arange(len(tables["joint_position"]), dtype=np.int64) * period_ns
-    with BagWriter(path, live=False, force=force, metadata=metadata, start_time_utc=START_TIME) as writer:
+    with BagWriter(path, live=False, metadata=metadata, start_time_utc=START_TIME) as writer:
         writer.write("robot_description", None, 0, encode_text(robot))
         writer.attach("robot.urdf", robot, "application/xml")
         for topic in _TOPICS:

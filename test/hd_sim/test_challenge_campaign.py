@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hd_control.core.errors import BagError, ConfigError
-from hd_sim.puzzles.campaign import FAILED, RANGES, Campaign, make_table, read_record, run_campaign, run_one
+from hd_sim.puzzles.campaign import FAILED, Campaign, make_table, read_record, run_campaign, run_one
 from hd_sim.puzzles.draw import draw_case
 
 
@@ -91,8 +91,3 @@ def test_a_foreign_or_other_record_is_refused(tmp_path):
     foreign.write_text("a,b\n1,2\n")
     with pytest.raises(ConfigError, match="line 1"):
         read_record(foreign, Campaign(1, 1))
-
-
-def test_seed_ranges_are_disjoint():
-    ends = sorted(RANGES.values())
-    assert all(a[1] < b[0] for a, b in zip(ends, ends[1:], strict=False))

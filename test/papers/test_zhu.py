@@ -26,7 +26,7 @@ IDS = {f"zhu.table3.{name}" for name in TABLE} | {
 
 def outcome(case, error=1e-4):
     one = np.ones(7 if case.plant.startswith("arm") else 1)
-    return Outcome(error * one, 0.9 * one, 1.1 * one, 0.0 * one, 0.0, 0.5, one, False)
+    return Outcome(error * one, 0.0 * one, 0.0, 0.5, one)
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ def test_a_run_is_a_function_of_its_case():
     one, again, other = play(SHORT), play(SHORT), play(Case("single_joint_7", ("sine", 5.0, 0.015), seed=1))
     np.testing.assert_array_equal(one.error, again.error)
     assert one.torque_step[0] == again.torque_step[0] != other.torque_step[0]
-    assert one.outside == 0.0 and not one.stopped and 0.0 < one.held < 1.0
+    assert one.outside == 0.0 and np.isfinite(one.error).all() and 0.0 < one.held < 1.0
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
@@ -109,7 +109,7 @@ def test_the_bounds_of_the_theorem_hold_and_are_not_empty(quick):
 
 
 def test_the_link_model_agrees_with_pinocchio():
-    assert 0.0 < regressor_difference(3, 20) < 1e-11
+    assert 0.0 < regressor_difference(3) < 1e-11
 
 
 def test_the_first_unstable_delay_ends_the_tolerance():
