@@ -174,9 +174,7 @@ class StageShell(Shell):
         if self._turn is not None:
             self._turn.statistics.foreign = sum(raw.foreign for raw in self.inputs)
             values |= self._turn.statistics.summary()
-            values |= foreign_report(
-                self, {raw.subscription.topic_name: raw.foreign - raw.unreadable for raw in self.inputs}
-            )
+            values |= foreign_report(self, {raw.topic: raw.foreign - raw.unreadable for raw in self.inputs})
         level, texts = OK, []
         for stage in self.stages:
             stage_level, text, found = stage.report()

@@ -151,8 +151,7 @@ class TopicSeam:
 
     def foreign_report(self) -> dict[str, str]:
         """For diagnostics: who may have sent commands of another run id."""
-        commands = self.commands
-        return foreign_report(self._node, {commands.subscription.topic_name: commands.foreign - commands.unreadable})
+        return foreign_report(self._node, {topics.COMMAND: self.commands.foreign - self.commands.unreadable})
 
     def destroy(self) -> None:
         """Removes the topics."""

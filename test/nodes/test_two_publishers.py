@@ -19,7 +19,7 @@ def node_with(*publishers):
 
 def status(foreign, late=0, skipped=0, unreadable=0):
     """The plant's diagnostics with some foreign commands and two publishers in the graph."""
-    commands = SimpleNamespace(foreign=foreign, unreadable=unreadable, subscription=SimpleNamespace(topic_name="/c"))
+    commands = SimpleNamespace(foreign=foreign, unreadable=unreadable)
     seam = SimpleNamespace(commands=commands, _node=node_with(MINE, TORQUE))
     seam.foreign_report = lambda: TopicSeam.foreign_report(seam)
     turn = SimpleNamespace(statistics=LoopStatistics(1_000_000), tick=5, skipped=skipped, fault="")
@@ -31,7 +31,7 @@ def test_f24_a_second_source_is_reported_with_the_names_of_both():
     level, text, values = status(7)
     line = values["two_publishers"]
     assert line.startswith("HD-F24 two_publishers: publishers 2 > 1. Stop the second source of this topic.")
-    assert line.endswith("On /c there are /torque_node, /x/mine; 7 dropped.") and "foreign" in text
+    assert line.endswith("On motor_torque_command there are /torque_node, /x/mine; 7 dropped.") and "foreign" in text
     assert "node_back" not in values
 
 
