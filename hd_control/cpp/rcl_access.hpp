@@ -40,6 +40,16 @@ struct Serialized {  // rcl_serialized_message_t
     Allocator allocator;
 };
 
+struct MessageInfo {  // rmw_message_info_t
+    std::int64_t sent_ns, received_ns;
+    std::uint64_t number;  // the how-manieth of its publisher, or kNoNumber
+    std::uint64_t reception_number;
+    const char* middleware;
+    std::uint8_t publisher[16];
+    bool from_this_process;
+};
+constexpr std::uint64_t kNoNumber = UINT64_MAX;  // RMW_MESSAGE_INFO_SEQUENCE_NUMBER_UNSUPPORTED
+
 constexpr int kOk = 0, kNothingThere = 401;  // RCL_RET_OK, RCL_RET_SUBSCRIPTION_TAKE_FAILED
 
 #ifdef HD_RCL_HEADERS
@@ -49,6 +59,12 @@ static_assert(offsetof(Serialized, length) == offsetof(rcl_serialized_message_t,
 static_assert(offsetof(Serialized, capacity) == offsetof(rcl_serialized_message_t, buffer_capacity));
 static_assert(offsetof(Serialized, allocator) == offsetof(rcl_serialized_message_t, allocator));
 static_assert(offsetof(Allocator, state) == offsetof(rcutils_allocator_t, state));
+static_assert(sizeof(MessageInfo) == sizeof(rmw_message_info_t));
+static_assert(offsetof(MessageInfo, number) == offsetof(rmw_message_info_t, publication_sequence_number));
+static_assert(offsetof(MessageInfo, publisher) ==
+              offsetof(rmw_message_info_t, publisher_gid) + offsetof(rmw_gid_t, data));
+static_assert(sizeof(MessageInfo::publisher) == RMW_GID_STORAGE_SIZE);
+static_assert(kNoNumber == RMW_MESSAGE_INFO_SEQUENCE_NUMBER_UNSUPPORTED);
 static_assert(kOk == RCL_RET_OK && kNothingThere == RCL_RET_SUBSCRIPTION_TAKE_FAILED);
 static_assert(std::is_same_v<rcl_event_callback_t, void (*)(const void*, std::size_t)>);
 #endif
@@ -132,8 +148,8 @@ class Buffer {
 };
 
 // The oldest message that waits, in `buffer`; false if there is none or the subscription is not usable.
-inline bool take(const Calls& calls, const void* subscription, Buffer& buffer) {
-    const int outcome = calls.take(subscription, buffer.get(), nullptr, nullptr);
+inline bool take(const Calls& calls, const void* subscription, Buffer& buffer, MessageInfo* info = nullptr) {
+    const int outcome = calls.take(subscription, buffer.get(), info, nullptr);
     if (outcome == kOk) return true;
     if (outcome != kNothingThere) calls.reset_error();
     return false;

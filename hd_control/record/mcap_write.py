@@ -6,10 +6,9 @@ chunks, zstd with CRC, one channel each. A running CRC of the data section prote
 
 from __future__ import annotations
 
-import errno
+import io
 import struct
 import zlib
-from collections import Counter
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -19,6 +18,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 
 from hd_control import _records
+from hd_control._pump import RecordFile
 from hd_control.core.arrays import ByteArray, IntArray
 from hd_control.record.accounting import TopicAccount
 from hd_control.record.bag_folder import TopicEntry
@@ -69,17 +69,18 @@ class McapFile:
     """Writes one file from start to end. Every OSError of the stream passes through; nothing is retried."""
 
     def __init__(self, stream: Stream) -> None:
-        self._stream = stream
-        self._pending = bytearray(MAGIC)
+        self.growing = RecordFile(_target(stream))
+        self.growing.append(MAGIC)
         self._schemas: list[records.Schema] = []
         self._channels: list[records.Channel] = []
         self._chunks: list[records.ChunkIndex] = []
         self._attachments: list[records.AttachmentIndex] = []
         self._metadata: list[records.MetadataIndex] = []
-        self._crc, self.position = 0, 0
-        self.counts: Counter[int] = Counter()
-        self.first_ns, self.last_ns = 0, 0
         self._append(records.Header(profile="ros2", library="hd_control"))
+
+    def redirect(self, stream: Stream) -> None:
+        """Sends everything from now on to another stream: one that fails, in tests."""
+        self.growing.set_sink(_target(stream))
 
     def add_schema(self, name: str, definition: str | bytes, encoding: str = "ros2msg") -> int:
         """A new schema id for a message definition."""
@@ -100,8 +101,7 @@ class McapFile:
 
     def add_message(self, channel: int, sequence: int, log_time_ns: int, publish_time_ns: int, payload: Buffer) -> None:
         """Appends one message; it reaches the system with the next `flush`."""
-        self._pending += message_record(channel, sequence, log_time_ns, publish_time_ns, payload)
-        self._count(channel, 1, log_time_ns, log_time_ns)
+        self.growing.message(channel, sequence, log_time_ns, publish_time_ns, payload)
 
     def add_chunk(self, channel: int, data: bytes, log_times_ns: IntArray, offsets: IntArray) -> None:
         """Writes message records of one channel as a compressed chunk; `offsets` are their places in `data`."""
@@ -109,8 +109,7 @@ class McapFile:
 
         first, last = int(log_times_ns.min()), int(log_times_ns.max())
         packed = zstandard.ZstdCompressor(level=ZSTD_LEVEL).compress(data)
-        start = self.end
-        self._append(
+        start, length = self._append(
             records.Chunk(
                 compression="zstd",
                 data=packed,
@@ -120,33 +119,32 @@ class McapFile:
                 uncompressed_size=len(data),
             )
         )
-        index_at = self.end
         entries = np.stack([log_times_ns.astype("<u8"), offsets.astype("<u8")], axis=1).tobytes()
-        self._pending += _INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(entries), channel, len(entries)) + entries
+        index = _INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(entries), channel, len(entries)) + entries
+        index_at = self.growing.append(index)
         self._chunks.append(
             records.ChunkIndex(
                 chunk_start_offset=start,
-                chunk_length=index_at - start,
+                chunk_length=length,
                 compression="zstd",
                 compressed_size=len(packed),
                 uncompressed_size=len(data),
                 message_start_time=first,
                 message_end_time=last,
                 message_index_offsets={channel: index_at},
-                message_index_length=self.end - index_at,
+                message_index_length=len(index),
             )
         )
-        self._count(channel, len(log_times_ns), first, last)
+        self.growing.count(channel, len(log_times_ns), first, last)
         self.flush()
 
     def add_attachment(self, name: str, media_type: str, data: bytes, time_ns: int) -> None:
         """A file carried inside the recording."""
-        start = self.end
-        self._append(records.Attachment(time_ns, time_ns, name, media_type, data))
+        start, length = self._append(records.Attachment(time_ns, time_ns, name, media_type, data))
         self._attachments.append(
             records.AttachmentIndex(
                 offset=start,
-                length=self.end - start,
+                length=length,
                 create_time=time_ns,
                 log_time=time_ns,
                 data_size=len(data),
@@ -157,38 +155,42 @@ class McapFile:
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
         """Named texts carried inside the recording."""
-        start = self.end
-        self._append(records.Metadata(name=name, metadata=values))
-        self._metadata.append(records.MetadataIndex(length=self.end - start, name=name, offset=start))
+        start, length = self._append(records.Metadata(name=name, metadata=values))
+        self._metadata.append(records.MetadataIndex(length=length, name=name, offset=start))
 
     def flush(self) -> None:
         """Hands everything to the operating system."""
-        data, done = bytes(self._pending), 0
-        try:
-            while done < len(data):
-                written = self._stream.write(memoryview(data)[done:]) or 0
-                done += written
-                if not written:
-                    raise OSError(errno.EIO, "the file took no more bytes")
-        finally:
-            self._crc = zlib.crc32(data[:done] if done < len(data) else data, self._crc)
-            self.position += done
-            self._pending = bytearray(data[done:])
+        self.growing.flush()
+
+    @property
+    def position(self) -> int:
+        """Bytes that the operating system has."""
+        return self.growing.position
 
     @property
     def end(self) -> int:
         """Length of the file once everything is flushed."""
-        return self.position + len(self._pending)
+        return self.growing.end
 
     @property
     def pending_bytes(self) -> int:
         """Bytes that a kill would lose now."""
-        return len(self._pending)
+        return self.growing.pending
+
+    @property
+    def first_ns(self) -> int:
+        """Log time of the first message; 0 without one."""
+        return self.growing.first_ns
+
+    @property
+    def last_ns(self) -> int:
+        """Log time of the last message; 0 without one."""
+        return self.growing.last_ns
 
     def finish(self) -> None:
         """Writes data end, summary, index, statistics and footer; the file is then complete."""
         self.flush()
-        self._append(records.DataEnd(self._crc))
+        self._append(records.DataEnd(self.growing.crc))
         start = self.end
         summary, groups = RecordBuilder(), []
         for opcode, group in self._summary():
@@ -206,16 +208,17 @@ class McapFile:
             offset.write(summary)
         data: bytes = summary.end()  # type: ignore[no-untyped-call]
         footer = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_at)
-        self._pending += data + footer + struct.pack("<I", zlib.crc32(footer, zlib.crc32(data))) + MAGIC
+        self.growing.append(data + footer + struct.pack("<I", zlib.crc32(footer, zlib.crc32(data))) + MAGIC)
         self.flush()
 
     def _summary(self) -> list[tuple[Opcode, list[records.McapRecord]]]:
+        counts = self.growing.counts
         statistics = records.Statistics(
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
-            channel_message_counts=dict(self.counts),
+            channel_message_counts=counts,
             chunk_count=len(self._chunks),
-            message_count=sum(self.counts.values()),
+            message_count=sum(counts.values()),
             message_end_time=self.last_ns,
             message_start_time=self.first_ns,
             metadata_count=len(self._metadata),
@@ -230,19 +233,20 @@ class McapFile:
             (Opcode.METADATA_INDEX, [*self._metadata]),
         ]
 
-    def _count(self, channel: int, number: int, first_ns: int, last_ns: int) -> None:
-        self.first_ns = min(self.first_ns, first_ns) if self.counts else first_ns
-        self.last_ns = max(self.last_ns, last_ns)
-        self.counts[channel] += number
-
-    def _append(self, record: records.McapRecord) -> None:
+    def _append(self, record: records.McapRecord) -> tuple[int, int]:
+        """Returns the place of the record in the file and its length."""
         builder = RecordBuilder()
         record.write(builder)
-        self._pending += builder.end()  # type: ignore[no-untyped-call]
+        data: bytes = builder.end()  # type: ignore[no-untyped-call]
+        return self.growing.append(data), len(data)
 
 
-# ----------------------------------------------------------------------------------------------------
-# One topic of a file being written.
+def _target(stream: Stream) -> int | Stream:
+    """An unbuffered file is written to without the interpreter."""
+    return stream.fileno() if isinstance(stream, io.FileIO) else stream
+
+
+# ---- One topic of a file being written -------------------------------------------------------------
 
 
 @dataclass
@@ -264,8 +268,7 @@ class Channel:
         return TopicEntry(self.topic, self.type_name, self.type_hash, self.account.written, self.latched)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Messages of a block as the bytes of MCAP records, for copying a recording.
+# ---- Messages of a block as the bytes of MCAP records, for copying a recording ---------------------
 
 
 def block_records(block: Block, channel: int) -> tuple[bytes, IntArray]:

@@ -13,23 +13,21 @@ from __future__ import annotations
 
 import os
 import threading
-from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from itertools import islice
-from operator import itemgetter
 from typing import Any
 
+from hd_control._pump import SampleQueues, Writer
 from hd_control.core.errors import BagError
 from hd_control.core.faults import FaultCode
-from hd_control.core.topics import topic_info
-from hd_control.record.accounting import TopicAccount, header_of
+from hd_control.core.topics import COMMAND, JOINT_STATE_TYPE, SENSORS, topic_info
+from hd_control.record.accounting import head_kind
 from hd_control.record.bag_folder import space_left, write_error
+from hd_control.record.block import RECORD_CAP
 from hd_control.record.cdr import Buffer
 from hd_control.record.writer import BagWriter
 
-# ----------------------------------------------------------------------------------------------------
-# Forces the disk beside the recording loop: fsync can take seconds on a slow disk, the loop must not wait for it.
+# ---- Forces the disk beside the loop: fsync can take seconds on a slow disk, the loop must not wait for it ----
 
 
 class DiskSync:
@@ -60,89 +58,88 @@ class DiskSync:
             self._error = error
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The recorder ----------------------------------------------------------------------------------
 
 
 QUEUE_DEPTH = 2000
 EVENT_DEPTH = 100_000
+QUEUE_BYTES = 256 << 20
 SYNC_NS, COUNT_NS = 500_000_000, 1_000_000_000
 DISK_FLOOR = "disk_floor"
-
-
-@dataclass
-class _Queue:
-    """One topic in front of the bag."""
-
-    topic: str
-    type_name: str
-    depth: int
-    event: bool
-    account: TopicAccount
-    samples: deque[tuple[int, int | None, bytes]] = field(default_factory=deque)
+AWAITED = (*SENSORS, COMMAND)
+"""Topics without which a recording has no progress."""
 
 
 @dataclass
 class Recorder:
-    """Queues samples and writes them; `offer` and `drain` may run in two threads, the disk never blocks `offer`.
+    """Queues samples and writes them; `offer` and the writing may be in two threads, the disk never blocks `offer`.
 
     `failure` says why the recording ended by itself, `warning` that the disk is nearly full.
-    `queue_depth` bounds each sensor topic, `total_depth` everything together. Events (goals, faults, descriptions) are
-    never dropped before a sensor sample; their queues are bounded by `EVENT_DEPTH`.
+    `queue_depth` bounds each sensor topic, `total_depth` and `total_bytes` everything together. Events (goals, faults,
+    descriptions) are never dropped before a sensor sample; their queues are bounded by `EVENT_DEPTH`.
     """
 
     bag: BagWriter
     queue_depth: int = QUEUE_DEPTH
     total_depth: int = 20_000
+    total_bytes: int = QUEUE_BYTES
     failure: str = ""
     warning: str = ""
     _next_sync: int = 0
     _next_count: int = 0
     _counted: dict[str, int] = field(default_factory=dict)
     _disk: DiskSync = field(default_factory=DiskSync)
-    _queues: dict[str, _Queue] = field(default_factory=dict)
-    _by_any_name: dict[str, _Queue] = field(default_factory=dict)
-    _queued: int = 0
-    _in_flight: dict[str, int] = field(default_factory=dict)
-    _lock: threading.Lock = field(default_factory=threading.Lock)
+    _numbers: dict[str, int] = field(default_factory=dict)
+    _by_any_name: dict[str, int] = field(default_factory=dict)
+    _writer: Writer | None = None
+
+    def __post_init__(self) -> None:
+        self.queues = SampleQueues(self.total_depth, self.total_bytes, RECORD_CAP)
 
     def add_topic(self, topic: str, type_name: str = "", definition: str = "", period_ns: int | None = None) -> None:
         """Announces a topic; those of the schema need no type. Raises BagError for an unknown one."""
         name = "/" + topic.strip("/")
-        if name in self._queues:
-            self._by_any_name[topic] = self._queues[name]
-            return
-        self.bag.add_topic(name, type_name, definition, period_ns)
-        known = topic_info(name)
-        event = bool(known and known.event)
-        self._queues[name] = _Queue(
-            name, self.bag.type_of(name), EVENT_DEPTH if event else self.queue_depth, event, self.bag.accounts[name]
-        )
-        self._by_any_name[topic] = self._by_any_name[name] = self._queues[name]
+        if name not in self._numbers:
+            channel = self.bag.add_topic(name, type_name, definition, period_ns)
+            known = topic_info(name)
+            event = bool(known and known.event)
+            self._numbers[name] = self.queues.add(
+                channel=channel.number,
+                head=head_kind(channel.type_name),
+                depth=EVENT_DEPTH if event else self.queue_depth,
+                event=event,
+                awaited=bool(known and known.name in AWAITED),
+                paced=channel.type_name == JOINT_STATE_TYPE,
+                account=channel.account,
+            )
+        self._by_any_name[topic] = self._by_any_name[name] = self._numbers[name]
 
-    def offer(self, topic: str, log_time_ns: int, payload: Buffer) -> None:
-        """Takes one sample of an announced topic; drops the oldest sensor sample when there is no room."""
-        queue = self._by_any_name[topic]
-        stamp, frame_id = header_of(queue.type_name, payload)
-        account = queue.account
-        with self._lock:
-            missing = account.missing
-            account.see(stamp, frame_id)
-            account.drops.transport += account.missing - missing
-            if self.failure:
-                account.drops.disk += 1
-                return
-            queue.samples.append((log_time_ns, stamp, bytes(payload)))
-            self._queued += 1
-            if len(queue.samples) > queue.depth:
-                self._drop_oldest(queue)
-            elif self._queued > self.total_depth and (longest := self._longest_sensor()):
-                self._drop_oldest(longest)
+    def offer(self, topic: str, log_time_ns: int, payload: Buffer, number: int | None = None) -> None:
+        """Takes one sample of an announced topic; drops the oldest sensor sample when there is no room.
+
+        `number` is the how-manieth message of its publisher it is, if the middleware says so. It is known then whether
+        a missing tick was lost on the way or never published; a publisher is known by its run id.
+        """
+        self.queues.offer(self._by_any_name[topic], log_time_ns, payload, number)
+
+    def write_beside(self) -> None:
+        """From now on what is queued is written by a thread of its own, every 10 ms, until `close`."""
+        self._writer = Writer(self.queues, self.bag.growing)
+        self._writer.start()
+
+    @property
+    def newest_ns(self) -> int:
+        """The newest stamp [ns] of the slowest topic of the chain; -1 while sensors or commands are missing."""
+        return self.queues.slowest_ns()
 
     def tend(self, now_ns: int) -> None:
-        """Writes what is queued; every half second also starts to force the disk; every second looks at the space and
-        stores the drops if there are new ones. `now_ns` is any clock that does not jump.
+        """Writes what is queued unless a thread does; every half second also starts to force the disk; every second
+        looks at the space and stores the drops if there are new ones. `now_ns` is any clock that does not jump.
         """
-        self.drain()
+        if self._writer is None:
+            self.drain()
+        else:
+            self._look_at(self._writer)
         if now_ns >= self._next_sync and not self.failure:
             self._next_sync = now_ns + SYNC_NS
             if error := self._disk.start(self.bag.fileno):
@@ -154,8 +151,7 @@ class Recorder:
 
     def store_drops(self) -> None:
         """Writes the counts into the bag if drops were added since the last time: a killed bag holds them too."""
-        with self._lock:
-            drops = {name: queue.account.drops.total for name, queue in self._queues.items()}
+        drops = self._drops()
         if self.failure or drops == self._counted or not any(drops.values()):
             return
         try:
@@ -163,6 +159,9 @@ class Recorder:
             self._counted = drops
         except BagError as error:
             self._fail(str(error))
+
+    def _drops(self) -> dict[str, int]:
+        return {name: sum(row["drops"].values()) for name, row in self.statistics().items()}
 
     def _watch_space(self) -> None:
         """At the floor the bag is closed whole, without the rewrite that would need more space."""
@@ -183,37 +182,21 @@ class Recorder:
         A disk error stops the recording: it is kept in `failure`, and everything from then on counts as dropped by the
         disk. Nothing is raised.
         """
-        batch = self._take(limit)
-        done = 0
         try:
-            for log_time_ns, queue, stamp, payload in batch:
-                done += 1
-                self.bag.append(queue.topic, stamp, log_time_ns, payload)
-            self.bag.flush()
-        except BagError as error:
-            self._fail(str(error), [queue for _, queue, _, _ in batch[done:]])
-        with self._lock:
-            self._in_flight = {}
-        return len(batch)
-
-    def _take(self, limit: int) -> list[tuple[int, _Queue, int | None, bytes]]:
-        batch: list[tuple[int, _Queue, int | None, bytes]] = []
-        with self._lock:
-            for queue in self._queues.values():
-                number = min(len(queue.samples), limit - len(batch))
-                batch += [(log, queue, stamp, data) for log, stamp, data in islice(queue.samples, number)]
-                for _ in range(number):
-                    queue.samples.popleft()
-                self._in_flight[queue.topic] = number
-            self._queued -= len(batch)
-        batch.sort(key=itemgetter(0))
-        return batch
+            return self.queues.drain(self.bag.growing, limit)
+        except OSError as error:
+            self._fail(str(self.bag.refused(error)))
+            return 0
 
     def close(self, reason: str = "", compact: bool | None = None, give_up: Callable[[], bool] | None = None) -> str:
         """Writes the rest, the counts and the index; returns the failure text, empty if all is well.
 
         `give_up` is asked during the rewrite into the compact form; true leaves the plain file.
         """
+        if self._writer is not None:
+            self._writer.end()
+            self._look_at(self._writer)
+            self._writer = None
         self._disk.wait()
         if not self.failure:
             self.drain()
@@ -228,8 +211,7 @@ class Recorder:
 
     def losses(self) -> str:
         """What was dropped before it reached the disk, in one line; empty if nothing was."""
-        with self._lock:
-            drops = {name: queue.account.drops.total for name, queue in self._queues.items()}
+        drops = self._drops()
         if not any(drops.values()):
             return ""
         what = f"{sum(drops.values())} samples lost on {', '.join(name for name, count in drops.items() if count)}"
@@ -238,35 +220,20 @@ class Recorder:
     def statistics(self) -> dict[str, dict[str, Any]]:
         """Per topic: the account (received, written, missing, drops, …), `published` and `queued` now.
 
-        Between two drains `published` = `written` + drops + `queued`.
+        At any moment `published` = `written` + drops + `queued`.
         """
+        accounts = self.bag.accounts
         table = {}
-        with self._lock:
-            for name, queue in self._queues.items():
-                account = queue.account
-                table[name] = {
-                    **account.as_dict(),
-                    "queued": len(queue.samples) + self._in_flight.get(name, 0),
-                    "published": account.received + account.drops.transport,
-                }
+        for name, row in zip(self._numbers, self.queues.table(), strict=True):
+            published = row["received"] + row["drops"]["transport"]
+            table[name] = {**accounts[name].as_dict(), **row, "published": published}
         return table
 
-    def _longest_sensor(self) -> _Queue | None:
-        candidates = [q for q in self._queues.values() if q.samples and not q.event]
-        return max(candidates, key=lambda q: len(q.samples), default=None)
+    def _look_at(self, writer: Writer) -> None:
+        if (refused := writer.failure) is not None and not self.failure:
+            self._fail(str(self.bag.refused(OSError(*refused))))
 
-    def _drop_oldest(self, queue: _Queue) -> None:
-        queue.samples.popleft()
-        queue.account.drops.queue += 1
-        self._queued -= 1
-
-    def _fail(self, text: str, lost: Sequence[_Queue] = ()) -> None:
-        """Ends the recording. `lost` are the queues of samples that were taken but never reached the writer."""
-        with self._lock:
-            self.failure = text
-            for queue in lost:
-                queue.account.drops.disk += 1
-            for queue in self._queues.values():
-                queue.account.drops.disk += len(queue.samples)
-                queue.samples.clear()
-            self._queued = 0
+    def _fail(self, text: str) -> None:
+        """Ends the recording: what is queued and what comes from now on counts as lost on the disk."""
+        self.failure = text
+        self.queues.fail()

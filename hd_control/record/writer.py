@@ -20,11 +20,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hd_control._pump import RecordFile
 from hd_control.core.errors import BagError
 from hd_control.core.topics import topic_info
 from hd_control.record import bag_folder
 from hd_control.record.accounting import TopicAccount, header_of
 from hd_control.record.bag_folder import attachment_bytes, make_folder, provenance, write_error
+from hd_control.record.block import RECORD_CAP
 from hd_control.record.cdr import Buffer, FixedCodec
 from hd_control.record.mcap_write import MESSAGE, Channel, McapFile, message_record, message_records
 from hd_control.record.schema import message_definition, type_hash
@@ -75,14 +77,19 @@ class BagWriter:
         """The counts of each topic; a recorder adds its drops here."""
         return {topic: channel.account for topic, channel in self._channels.items()}
 
-    def add_topic(self, topic: str, type_name: str = "", definition: str = "", period_ns: int | None = None) -> None:
+    @property
+    def growing(self) -> RecordFile:
+        """The end of the file, for a thread that appends beside this one; it never waits for the interpreter."""
+        return self._file.growing
+
+    def add_topic(self, topic: str, type_name: str = "", definition: str = "", period_ns: int | None = None) -> Channel:
         """Announces a topic. Type, definition and period come from the schema if not given.
 
         Raises BagError for a topic that is not in the schema and comes without a type.
         """
         name = "/" + topic.strip("/")
         if name in self._channels:
-            return
+            return self._channels[name]
         known = topic_info(name)
         type_name = type_name or (known.type_name if known else "")
         if not type_name:
@@ -97,27 +104,23 @@ class BagWriter:
         }
         number = self._file.add_channel(name, self._schemas[type_name], metadata)
         period = (known.period_ns if known else 0) if period_ns is None else period_ns
-        self._channels[name] = Channel(name, type_name, type_hash(type_name), number, latched, TopicAccount(period))
-
-    def type_of(self, topic: str) -> str:
-        """The ROS type of an announced topic."""
-        return self._channel(topic).type_name
+        channel = Channel(name, type_name, type_hash(type_name), number, latched, TopicAccount(period))
+        self._channels[name] = channel
+        return channel
 
     def write(self, topic: str, stamp_ns: int | None, log_time_ns: int, payload: Buffer) -> None:
         """One message. `stamp_ns` None: taken from its header, else the log time. Raises BagError if it cannot."""
         channel = self._channel(topic)
-        stamp, frame_id = header_of(channel.type_name, payload)
-        channel.account.see(stamp, frame_id)
-        self.append(topic, stamp if stamp_ns is None else stamp_ns, log_time_ns, payload)
-
-    def append(self, topic: str, stamp_ns: int | None, log_time_ns: int, payload: Buffer) -> None:
-        """Like `write`, for a sample that was counted when it arrived; only `written` and disk drops are counted."""
-        channel = self._channel(topic)
         if not 0 <= log_time_ns < 1 << 63:
             raise BagError(f"{topic}: log time {log_time_ns} ns is outside [0, 2^63)")
+        if len(payload) + MESSAGE.size > RECORD_CAP:
+            raise BagError(f"{topic}: a message of {len(payload)} bytes is longer than any reader takes; split it")
+        stamp, frame_id = header_of(channel.type_name, payload)
+        channel.account.see(stamp, frame_id)
+        stamp = stamp if stamp_ns is None else stamp_ns
         sequence = channel.account.written & 0xFFFFFFFF
-        publish_ns = log_time_ns if stamp_ns is None else max(stamp_ns, 0)
-        channel.account.written += 1
+        publish_ns = log_time_ns if stamp is None else max(stamp, 0)
+        channel.account.wrote(1)
         if self.live:
             self._file.add_message(channel.number, sequence, log_time_ns, publish_ns, payload)
             self._unflushed.append((channel.account, self._file.end))
@@ -158,9 +161,9 @@ class BagWriter:
             try:
                 self._guard(partial(self._file.add_chunk, channel.number, records, logs[part], places))
             except BagError:
-                channel.account.drops.disk += len(rows)
+                channel.account.lost_on_disk(len(rows))
                 raise
-            channel.account.written += len(rows)
+            channel.account.wrote(len(rows))
 
     def attach(self, name: str, data: str | bytes, media_type: str = "text/plain", time_ns: int = 0) -> None:
         """Carries a file inside the recording: parameters, URDF, model."""
@@ -193,8 +196,8 @@ class BagWriter:
         except BagError:
             for account, end in self._unflushed:
                 if end > self._file.position:
-                    account.written -= 1
-                    account.drops.disk += 1
+                    account.wrote(-1)
+                    account.lost_on_disk(1)
             raise
         finally:
             self._unflushed.clear()
@@ -261,8 +264,8 @@ class BagWriter:
         try:
             self._guard(partial(self._file.add_chunk, channel.number, data, times, offsets))
         except BagError:
-            channel.account.written -= len(times)
-            channel.account.drops.disk += len(times)
+            channel.account.wrote(-len(times))
+            channel.account.lost_on_disk(len(times))
             raise
 
     def _flush_if_due(self, log_time_ns: int) -> None:
@@ -272,12 +275,16 @@ class BagWriter:
         if not 0 <= waited < FLUSH_NS or self._file.pending_bytes >= FLUSH_BYTES:
             self.flush()
 
+    def refused(self, error: OSError) -> BagError:
+        """Notes that the disk refused: nothing more is written. Returns what to report."""
+        self.failed = str(error.strerror or error)
+        return write_error(self.file_path, error)
+
     def _guard(self, action: Callable[[], object]) -> None:
         try:
             action()
         except OSError as error:
-            self.failed = str(error.strerror or error)
-            raise write_error(self.file_path, error) from None
+            raise self.refused(error) from None
 
     def _check_open(self) -> None:
         if self.failed:

@@ -1,4 +1,4 @@
-"""Goal G9: whatever happens to the recording, the torques stay the same bit for bit, and the error is reported at once."""
+"""Goal G9: whatever happens to the recording, the torques keep their bits, and the error is reported at once."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def fail_once(folder, code: int, fail_at: int, plain: str) -> tuple[int, str]:
     recorder.add_topic(TOPIC)
     recorder.bag.flush()
     stream = BrokenFile(recorder.bag._raw, code)
-    recorder.bag._file._stream = stream
+    recorder.bag._file.redirect(stream)
     digest, reported = torques(recorder, stream, fail_at)
     closed, row = recorder.close(), recorder.statistics()[f"/{TOPIC}"]
     drops = row["drops"]["disk"]

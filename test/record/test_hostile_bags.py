@@ -88,7 +88,7 @@ def test_huge_lengths_inside_messages(tmp_path, place):
         for k in range(50):
             payload = bytearray(payload_of("encoder", k))
             payload[place : place + 4] = b"\xff\xff\xff\x7f"
-            bag.append("encoder", T0 + k * TICK, T0 + k * TICK, bytes(payload))
+            bag.write("encoder", T0 + k * TICK, T0 + k * TICK, bytes(payload))
     reader = read_all(path)
     assert len(list(reader.messages("encoder"))) in (0, 50)
 

@@ -121,7 +121,7 @@ class FullDisk:
 def test_a_disk_that_fills_up_keeps_the_whole_part_and_counts_the_rest(tmp_path, code, room):
     recorder = recorder_of(tmp_path / "bag")
     recorder.bag.flush()
-    recorder.bag._file._stream = FullDisk(recorder.bag._raw, room, code)
+    recorder.bag._file.redirect(FullDisk(recorder.bag._raw, room, code))
     for k in range(200):
         recorder.offer("/encoder", T0 + k * TICK, payload_of("encoder", k))
         if k % 5 == 4:
@@ -153,7 +153,7 @@ def test_the_space_floor(tmp_path, monkeypatch):
 
 def test_a_write_error_of_the_bag_names_path_and_remedy(tmp_path):
     bag = BagWriter(tmp_path / "bag")
-    bag._file._stream = FullDisk(bag._raw, 0, errno.ENOSPC)
+    bag._file.redirect(FullDisk(bag._raw, 0, errno.ENOSPC))
     with pytest.raises(BagError, match=r"bag_0\.mcap.*free some space.*what was written stays"):
         for k in range(1000):
             bag.write("encoder", None, T0 + k * TICK, payload_of("encoder", k))

@@ -1,0 +1,194 @@
+// The recorder's two threads, neither of which ever asks for the interpreter: one takes every recorded topic from the
+// middleware into the queues, one writes what is queued.
+//
+// The taking thread looks every 4 ms: at a few thousand messages a second that is cheaper than being woken for each,
+// and no callback has to run inside the middleware. Both threads run at ordinary priority: a recorder must not delay
+// the control chain.
+#pragma once
+
+#include <sched.h>
+#include <time.h>
+
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "rcl_access.hpp"
+#include "sample_queues.hpp"
+
+namespace hd {
+
+// Calls `work` again and again, `pause` after it has returned, until the end. Starting and ending belong to one owner.
+class Repeated {
+  public:
+    Repeated(std::function<void()> work, std::chrono::milliseconds pause) : work_(std::move(work)), pause_(pause) {}
+    Repeated(const Repeated&) = delete;
+    Repeated& operator=(const Repeated&) = delete;
+    ~Repeated() { end(); }
+
+    void start() {
+        if (thread_.joinable()) return;
+        ended_ = false;
+        thread_ = std::thread([this] { run(); });
+    }
+    void end() {
+        {
+            const std::lock_guard<std::mutex> lock(mutex_);
+            ended_ = true;
+        }
+        wake_.notify_all();
+        if (thread_.joinable()) thread_.join();
+    }
+
+  private:
+    void run() {
+        const sched_param ordinary{};
+        sched_setscheduler(0, SCHED_OTHER, &ordinary);  // 0: this thread; refused only where there was nothing to leave
+        std::unique_lock<std::mutex> lock(mutex_);
+        while (!ended_) {
+            lock.unlock();
+            work_();
+            lock.lock();
+            if (!ended_) wake_.wait_for(lock, pause_);
+        }
+    }
+    const std::function<void()> work_;
+    const std::chrono::milliseconds pause_;
+    std::mutex mutex_;
+    std::condition_variable wake_;
+    bool ended_ = false;
+    std::thread thread_;
+};
+
+// Writes what is queued every 10 ms. A failure ends the writing and stays to be read.
+class Writer {
+  public:
+    Writer(std::shared_ptr<SampleQueues> queues, std::shared_ptr<RecordFile> file)
+        : queues_(std::move(queues)),
+          file_(std::move(file)),
+          thread_([this] { write(); }, std::chrono::milliseconds(10)) {}
+
+    void start() { thread_.start(); }
+    void end() { thread_.end(); }
+    std::optional<WriteFailure> failure() const {
+        const std::lock_guard<std::mutex> lock(mutex_);
+        return failure_;
+    }
+
+  private:
+    void write() {
+        if (failure().has_value()) return;
+        try {
+            queues_->drain(*file_, SIZE_MAX);
+        } catch (const WriteFailure& failure) {
+            note(failure);
+        } catch (const std::exception& error) {  // no memory, or a file that is a Python object and raised
+            note(WriteFailure(EIO, error.what()));
+        }
+    }
+    void note(const WriteFailure& failure) {
+        const std::lock_guard<std::mutex> lock(mutex_);
+        failure_ = failure;
+    }
+    std::shared_ptr<SampleQueues> queues_;
+    std::shared_ptr<RecordFile> file_;
+    mutable std::mutex mutex_;
+    std::optional<WriteFailure> failure_;
+    Repeated thread_;  // last: it ends before what it uses
+};
+
+// Takes recorded topics from the middleware. While no recording is on, what comes is thrown away, so that nothing old
+// is in the next one.
+class Pump {
+  public:
+    // Throws std::runtime_error where the loaded ROS 2 cannot be used like this.
+    explicit Pump(std::int64_t dt_ns)
+        : calls_(rcl::calls()), dt_ns_(dt_ns), thread_([this] { round(); }, std::chrono::milliseconds(4)) {}
+
+    // A subscription, by its address; it must outlive `end`. `paced`: its messages count in `taken`.
+    void add(const void* subscription, bool paced) { sources_.push_back({subscription, paced}); }
+
+    // Progress is published from now on: a std_msgs/UInt64 with the newest tick that is here of every topic.
+    void report_to(const void* publisher) {
+        const std::lock_guard<std::mutex> lock(mutex_);
+        publisher_ = publisher;
+    }
+    void start() { thread_.start(); }
+    void end() { thread_.end(); }
+
+    // A recording begins: source i goes to topic i of the queues. None: the recording is over; when this returns
+    // nothing goes to it any more.
+    void record(std::shared_ptr<SampleQueues> queues) {
+        const std::lock_guard<std::mutex> lock(mutex_);
+        queues_ = std::move(queues);
+        reported_ns_ = -1;
+    }
+    std::int64_t taken() const { return taken_.load(); }
+
+  private:
+    static constexpr int kAtOnce = 2000;           // messages of one topic before the next topic has its turn
+    static constexpr std::size_t kKept = 1 << 20;  // bytes; memory of a larger message is given back
+
+    struct Source {
+        const void* subscription;
+        bool paced;
+    };
+
+    void round() {
+        const std::lock_guard<std::mutex> lock(mutex_);
+        for (std::size_t number = 0; number < sources_.size(); ++number) take_from(number);
+        report();
+    }
+
+    void take_from(std::size_t number) {
+        const Source& source = sources_[number];
+        rcl::MessageInfo info{};
+        for (int count = 0; count < kAtOnce && rcl::take(calls_, source.subscription, *buffer_, &info); ++count) {
+            if (queues_ != nullptr) offer(number, info);
+            if (source.paced) taken_.fetch_add(1);
+            if (buffer_->view().size() > kKept) buffer_.emplace(kFirst);
+        }
+    }
+
+    void offer(std::size_t number, const rcl::MessageInfo& info) {
+        timespec now{};
+        clock_gettime(CLOCK_REALTIME, &now);
+        Origin origin{info.number != rcl::kNoNumber, {}, info.number};
+        std::copy(std::begin(info.publisher), std::end(info.publisher), origin.publisher.begin());
+        queues_->offer(number, std::int64_t{now.tv_sec} * 1000000000 + now.tv_nsec, buffer_->view(), origin);
+    }
+
+    void report() {
+        if (publisher_ == nullptr || queues_ == nullptr) return;
+        const std::int64_t slowest = queues_->slowest_ns();
+        if (slowest <= reported_ns_) return;
+        reported_ns_ = slowest;
+        const std::int64_t tick = (slowest + dt_ns_ / 2) / dt_ns_;
+        std::memcpy(&message_[4], &tick, sizeof tick);
+        rcl::publish(calls_, publisher_, message_);
+    }
+
+    static constexpr std::size_t kFirst = 4096;
+    const rcl::Calls& calls_;
+    const std::int64_t dt_ns_;
+    std::mutex mutex_;  // held during a round
+    std::vector<Source> sources_;
+    std::optional<rcl::Buffer> buffer_{std::in_place, kFirst};
+    std::shared_ptr<SampleQueues> queues_;
+    const void* publisher_ = nullptr;
+    std::int64_t reported_ns_ = -1;
+    std::string message_{std::string("\x00\x01\x00\x00", 4) + std::string(8, '\0')};
+    std::atomic<std::int64_t> taken_{0};
+    Repeated thread_;  // last: it ends before what it uses
+};
+
+}  // namespace hd
