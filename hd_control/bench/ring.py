@@ -2,7 +2,6 @@
 
     ring(10.0)                  -> RingResult of this package's loop, paced at 1 kHz
     stock_executor_ring(10.0)   -> the same ring with message objects, callbacks and a SingleThreadedExecutor
-    ring(5.0, lockstep=True)    -> as fast as it goes; `ticks_per_second` counts
     robot_ring(10.0)            -> plant, fusion, motion and torque node at 1 kHz
     lockstep_ticks_per_second() -> the same in lock-step
 
@@ -19,7 +18,6 @@ import subprocess
 import sys
 import time
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,39 +34,35 @@ HOPS = (
     (topics.JOINT_STATES, topics.REQUIRED),
     (topics.REQUIRED, topics.COMMAND),
 )
-WARM_UP = 200
+WARM_UP, LOCKSTEP_TICKS = 200, 2000
 
 
 @dataclass(frozen=True)
 class RingResult:
-    """Round trip over four hops in µs of the ticks that came back in time, and the share that did not."""
+    """Time from a sample to its command over four hops, µs, and the ticks whose command came late or not at all."""
 
     p50: float
     p99: float
     missed_percent: float
-    ticks: int
-    ticks_per_second: float
 
 
-def ring(seconds: float = 10.0, period: float = 1e-3, lockstep: bool = False, real_time: bool = True) -> RingResult:
+def ring(seconds: float, period: float = 1e-3) -> RingResult:
     """The ring with this package's fast loop. Raises HdError if the processes do not find each other."""
-    return _run("fast", seconds, period, lockstep, real_time)
+    return _run("fast", seconds, period)
 
 
-def stock_executor_ring(seconds: float = 10.0, period: float = 1e-3, real_time: bool = True) -> RingResult:
-    """The same ring with rclpy's own executor and message objects."""
-    return _run("stock", seconds, period, False, real_time)
+def stock_executor_ring(seconds: float) -> RingResult:
+    """The same ring at 1 kHz with rclpy's own executor and message objects."""
+    return _run("stock", seconds, 1e-3)
 
 
-def _run(kind: str, seconds: float, period: float, lockstep: bool, real_time: bool) -> RingResult:
-    environment = child_environment(domain=1 + secrets.randbelow(100), real_time=real_time)
+def _run(kind: str, seconds: float, period: float) -> RingResult:
+    environment = child_environment(domain=1 + secrets.randbelow(100))
     command = [sys.executable, "-m", "hd_control.bench.ring", kind]
     with Children(environment) as children:
         for hop in range(len(HOPS)):
             children.start(f"echo_{hop}", [*command, "echo", str(hop)])
-        source = children.start(
-            "source", [*command, "source", str(seconds), str(period), str(int(lockstep))], stdout=subprocess.PIPE
-        )
+        source = children.start("source", [*command, "source", str(seconds), str(period)], stdout=subprocess.PIPE)
         try:
             text, _ = source.communicate(timeout=seconds + 60.0)
         except subprocess.TimeoutExpired:
@@ -78,22 +72,10 @@ def _run(kind: str, seconds: float, period: float, lockstep: bool, real_time: bo
     return RingResult(**json.loads(text.splitlines()[-1]))
 
 
-@dataclass(frozen=True)
-class RobotRingResult:
-    """The real nodes on the wall clock: sample to complete command in µs, ticks whose command was late or lost."""
-
-    p50: float
-    p99: float
-    missed_percent: float
-    ticks: int
-
-
-def robot_ring(
-    seconds: float = 10.0, one_process: bool = False, joint_groups: tuple[tuple[str, ...], ...] = ()
-) -> RobotRingResult:
+def robot_ring(seconds: float, one_process: bool = False) -> RingResult:
     """Plant, fusion, motion and torque node at 1 kHz; one thread with `one_process`. Raises HdError if they fail."""
     nodes = ("chain",) if one_process else FOUR
-    with Session(RunPlan(nodes=nodes, joint_groups=joint_groups), 1 + secrets.randbelow(100), log_folder()) as session:
+    with Session(RunPlan(nodes=nodes), 1 + secrets.randbelow(100), log_folder()) as session:
         session.activate()
         session.stay(500)
         session.wait_for(lambda: "late" in session.diagnostics(session.plant_node), 10.0, "no diagnostics")
@@ -103,19 +85,18 @@ def robot_ring(
     ticks, late, skipped = (int(last[name]) - int(first[name]) for name in ("ticks", "late", "skipped"))
     total = max(1, ticks + skipped)
     p50, p99 = (float(last.get(name, "nan")) for name in ("answer_p50_us", "answer_p99_us"))
-    return RobotRingResult(p50, p99, 100.0 * (late + skipped) / total, total)
+    return RingResult(p50, p99, 100.0 * (late + skipped) / total)
 
 
-def lockstep_ticks_per_second(ticks: int = 2000, one_process: bool = False, bag: Path | None = None) -> float:
-    """Ticks per second of the real nodes in lock-step, four processes or one thread; `bag` adds the recorder."""
-    nodes = ("chain",) if one_process else FOUR
-    plan = RunPlan(nodes=nodes, lockstep=True, bag=bag, parameters={nodes[-1]: {"pause_at_tick": WARM_UP}})
+def lockstep_ticks_per_second() -> float:
+    """Ticks per second of the real nodes in lock-step, four processes, without recorder."""
+    plan = RunPlan(lockstep=True, parameters={"plant_node": {"pause_at_tick": WARM_UP}})
     with Session(plan, 1 + secrets.randbelow(100), log_folder()) as session:
         session.activate()
         session.wait_until_tick(WARM_UP)
         begun = time.monotonic()
-        session.run_to(WARM_UP + ticks, 600.0)
-        return ticks / (time.monotonic() - begun)
+        session.run_to(WARM_UP + LOCKSTEP_TICKS, 600.0)
+        return LOCKSTEP_TICKS / (time.monotonic() - begun)
 
 
 class _Ring:
@@ -130,11 +111,11 @@ class _Ring:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self.node = rclpy.create_node(f"ring_{role}")
 
-    def summary(self, trips: list[int], sent: int, elapsed: float) -> RingResult:
+    def summary(self, trips: list[int], sent: int) -> RingResult:
         good = np.array(trips[WARM_UP:] or [np.nan]) / 1000.0
         sent_counted = max(1, sent - WARM_UP)
         missed = 100.0 * max(0, sent_counted - len(trips[WARM_UP:])) / sent_counted
-        return RingResult(float(np.percentile(good, 50)), float(np.percentile(good, 99)), missed, sent, sent / elapsed)
+        return RingResult(float(np.percentile(good, 50)), float(np.percentile(good, 99)), missed)
 
 
 class _FastRing(_Ring):
@@ -161,7 +142,7 @@ class _FastRing(_Ring):
         loop.install(turn)
         loop.run()
 
-    def source(self, seconds: float, period: float, lockstep: bool) -> RingResult:
+    def source(self, seconds: float, period: float) -> RingResult:
         from sensor_msgs.msg import JointState
 
         from hd_control.nodes.fast_loop import HandsOff, RawInput, Waiter, chain_qos
@@ -183,9 +164,9 @@ class _FastRing(_Ring):
                     return True
             return False
 
-        return self.pace(send, wait, seconds, dt_ns, lockstep)
+        return self.pace(send, wait, seconds, dt_ns)
 
-    def pace(self, send: Any, wait: Any, seconds: float, dt_ns: int, lockstep: bool) -> RingResult:
+    def pace(self, send: Any, wait: Any, seconds: float, dt_ns: int) -> RingResult:
         tick = 0
         while True:  # until the ring is closed
             tick += 1
@@ -199,16 +180,15 @@ class _FastRing(_Ring):
         deadline = start + dt_ns
         while time.monotonic_ns() - start < seconds * 1e9:
             tick, sent = tick + 1, sent + 1
-            if not lockstep:
-                sleep_until(deadline)
+            sleep_until(deadline)
             begun = time.monotonic_ns()
             send(tick)
-            if wait(tick, begun + 1_000_000_000 if lockstep else deadline + dt_ns):
+            if wait(tick, deadline + dt_ns):
                 trips.append(time.monotonic_ns() - begun)
             deadline += dt_ns
-            while not lockstep and deadline + dt_ns < time.monotonic_ns():  # overslept: those ticks are missed
+            while deadline + dt_ns < time.monotonic_ns():  # overslept: those ticks are missed
                 deadline, tick, sent = deadline + dt_ns, tick + 1, sent + 1
-        return self.summary(trips, sent, (time.monotonic_ns() - start) / 1e9)
+        return self.summary(trips, sent)
 
 
 class _StockRing(_FastRing):
@@ -228,7 +208,7 @@ class _StockRing(_FastRing):
         except KeyboardInterrupt:
             pass
 
-    def source(self, seconds: float, period: float, lockstep: bool) -> RingResult:
+    def source(self, seconds: float, period: float) -> RingResult:
         from rclpy.executors import SingleThreadedExecutor
         from sensor_msgs.msg import JointState
 
@@ -255,7 +235,7 @@ class _StockRing(_FastRing):
                     return True
             return False
 
-        return self.pace(send, wait, seconds, dt_ns, lockstep)
+        return self.pace(send, wait, seconds, dt_ns)
 
 
 def main() -> int:
@@ -264,7 +244,7 @@ def main() -> int:
     if role == "echo":
         ring_kind.echo(int(rest[0]))
         return 0
-    result = ring_kind.source(float(rest[0]), float(rest[1]), bool(int(rest[2])))
+    result = ring_kind.source(float(rest[0]), float(rest[1]))
     print(json.dumps(asdict(result)), flush=True)
     return 0
 

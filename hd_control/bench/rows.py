@@ -145,9 +145,9 @@ def law_rows(runs: int) -> list[Result]:
     return found
 
 
-def lockstep_row(runs: int, ticks: int = 2000) -> list[Result]:
+def lockstep_row(runs: int) -> list[Result]:
     """`lockstep_pure`: simulated seconds per s of processor time, full chain and plant, seven joints, no recording."""
-    samples = []
+    samples, ticks = [], 2000
     for _ in range(runs):
         runner, _ = warm_runner()
         start = time.process_time()

@@ -140,6 +140,8 @@ MODULES = {
 }
 """In the order of activation: a node finds its consumers awake, the plant comes last."""
 FOUR = ("torque_node", "motion_node", "fusion_node", "plant_node")
+RECORDER_LAG = 200
+"""Ticks by which a plant in lock-step may run ahead of the recorder."""
 
 
 @dataclass(frozen=True)
@@ -155,7 +157,6 @@ class RunPlan:
     lockstep: bool = False
     namespace: str = ""
     bag: Path | None = None
-    recorder_lag: int = 200
     joint_groups: tuple[tuple[str, ...], ...] = ()
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     params_files: Mapping[str, tuple[Path, ...]] = field(default_factory=dict)
@@ -185,13 +186,13 @@ class RunPlan:
         if executable == "plant_node" or (executable == "chain" and "plant_node" not in self.nodes):
             values |= {"plant": self.plant, "clock": "lockstep" if self.lockstep else "wall"}
             if self.lockstep and self.bag is not None:
-                values["lockstep_recorder_lag"] = self.recorder_lag
+                values["lockstep_recorder_lag"] = RECORDER_LAG
         if executable == "chain" and "plant_node" not in self.nodes:
             values["with_plant"] = True
         if executable != "plant_node" and "with_plant" not in values:
             values["robot"] = self.robot or self.plant
         if self.lockstep and self.bag is not None:
-            values["publisher_depth"] = 2 * self.recorder_lag
+            values["publisher_depth"] = 2 * RECORDER_LAG
         if executable == "recorder_node" and self.bag is not None:
             values["bag"] = str(self.bag)
         values |= own | dict(self.parameters.get(executable, {}))
@@ -314,18 +315,6 @@ class Session:
             raise HdError("the session is not running; enter it with `with`")
         return self._client
 
-    def pid(self, node: str) -> int:
-        """Process id of a node."""
-        return self._children.processes[node].pid
-
-    def kill(self, node: str, number: int) -> None:
-        """Sends a signal to one node's process (tests and demonstrations of faults)."""
-        self._children.signal(node, number)
-
-    def alive(self, node: str) -> bool:
-        """True while the node's process runs."""
-        return self._children.processes[node].poll() is None
-
     def log(self, node: str) -> str:
         """What a node printed, if `logs` was given."""
         path = self.logs / f"{node}.log" if self.logs is not None else None
@@ -400,11 +389,11 @@ class Session:
         """The newest diagnostics of a node as texts, with `level` and `message`; empty before the first."""
         return dict(self.client.diagnostics.get(self._path(node), {}))
 
-    def fresh_diagnostics(self, node: str, timeout: float = CALL_TIMEOUT) -> dict[str, str]:
+    def fresh_diagnostics(self, node: str) -> dict[str, str]:
         """Diagnostics that were made after this call, also when nothing in them has changed since."""
         heard, path = self.client.diagnostics_heard, self._path(node)
         wanted = heard.get(path, 0) + 2  # the next may have been on its way already
-        self._wait(lambda: heard.get(path, 0) >= wanted, timeout, f"no new diagnostics of {node}")
+        self._wait(lambda: heard.get(path, 0) >= wanted, CALL_TIMEOUT, f"no new diagnostics of {node}")
         return self.diagnostics(node)
 
     def stay(self, ticks: int = 0) -> None:
@@ -428,19 +417,17 @@ class Session:
     def _wait(self, condition: Callable[[], bool], timeout: float, what: str) -> None:
         end = time.monotonic() + timeout
         while not condition():
-            dead = list(self._children.dead())
-            if dead and not self._expect_deaths:
+            dead = self._ended()
+            if dead:
                 lines = self.log(dead[0]).strip().splitlines()
                 raise HdError(f"{dead[0]} ended: {lines[-1] if lines else 'see its output'}")
             if time.monotonic() > end:
                 raise HdError(f"{what} within {timeout:g} s")
             time.sleep(0.005)
 
-    _expect_deaths = False
-
-    def expect_deaths(self) -> None:
-        """From now on the end of a process is no error (tests that kill one)."""
-        self._expect_deaths = True
+    def _ended(self) -> list[str]:
+        """Nodes whose process has ended, which ends the session."""
+        return list(self._children.dead())
 
 
 def log_folder() -> Path:

@@ -11,11 +11,11 @@ import shutil
 
 import numpy as np
 from counts import SEED, count, enough
-from node_runs import random_domain, run_with_goal
+from node_runs import MortalSession, random_domain, run_with_goal
 from results import write_result
 from test_recording_failures import fail_once, torques
 
-from hd_control.session.session import RunPlan, Session
+from hd_control.session.session import RunPlan
 
 GOALS = ("G9",)
 
@@ -42,8 +42,7 @@ def exit_code_of_a_full_recorder(folder):
     """Live nodes in lock-step; the recorder's files may not grow above 200 kB. The others go on to the end."""
     values = {"chain": {"pause_at_tick": 40}}
     plan = RunPlan(nodes=("chain",), lockstep=True, bag=folder / "bag", parameters=values)
-    with Session(plan, random_domain(), folder / "logs") as session:
-        session.expect_deaths()
+    with MortalSession(plan, random_domain(), folder / "logs") as session:
         resource.prlimit(session.pid("recorder_node"), resource.RLIMIT_FSIZE, (200_000, 200_000))
         run_with_goal(session)
         assert session.diagnostics("chain")["gate_stopped"] == "False"

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import signal
-
 import numpy as np
 import pytest
 from counts import SEED, count, enough
 from fault_cases import run_case
 from fault_injection import Case, Injection, make_runner
-from node_runs import random_domain
+from node_runs import MortalSession, random_domain
 from results import write_result
 
-from hd_control.session.session import RunPlan, Session
+from hd_control.session.session import RunPlan
 
 GOALS = ("G12",)
 
@@ -39,12 +37,10 @@ def dead_law(law, number):
 def killed_node(node, folder):
     """Ticks from the last command to the stop, and who is still alive."""
     values = {"plant_node": {"lockstep_timeout": 0.5, "pause_at_tick": 300}}
-    with Session(RunPlan(lockstep=True, parameters=values), random_domain(), folder) as session:
+    with MortalSession(RunPlan(lockstep=True, parameters=values), random_domain(), folder) as session:
         session.activate()
         session.wait_until_tick(300)
-        session.expect_deaths()
-        session.kill(node, signal.SIGKILL)
-        session.wait_for(lambda: not session.alive(node), 5.0, "the node did not die")
+        session.kill(node)
         session.run_to(350)
         session.wait_for(lambda: session.diagnostics("plant_node").get("gate_stopped") == "True", 20.0, "no stop")
         ticks = int(session.diagnostics("plant_node")["gate_stop_tick"]) - 300

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import random
+import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,6 +31,29 @@ def run_with_goal(session: Session, end: int = END) -> None:
     session.wait_until_tick(PAUSE)
     session.send_goal(a_goal())
     session.run_to(end)
+
+
+class MortalSession(Session):
+    """A session whose nodes may be killed: from then on the end of a process is no error."""
+
+    killed = False
+
+    def _ended(self) -> list[str]:
+        return [] if self.killed else super()._ended()
+
+    def pid(self, node: str) -> int:
+        """Process id of a node that is going to end."""
+        self.killed = True
+        return self._children.processes[node].pid
+
+    def kill(self, node: str) -> None:
+        """Kills a node's process and waits for its end."""
+        os.kill(self.pid(node), signal.SIGKILL)
+        self.wait_for(lambda: not self.alive(node), 5.0, "the node did not die")
+
+    def alive(self, node: str) -> bool:
+        """True while the node's process runs."""
+        return self._children.processes[node].poll() is None
 
 
 def random_domain() -> int:

@@ -10,11 +10,11 @@ import time
 from pathlib import Path
 
 import pytest
-from node_runs import random_domain
+from node_runs import MortalSession, random_domain
 
 from hd_control.record.black_box_files import black_boxes
 from hd_control.record.reader import BagReader
-from hd_control.session.session import MODULES, RunPlan, Session, child_environment
+from hd_control.session.session import MODULES, RunPlan, child_environment
 
 pytestmark = pytest.mark.process
 ROOT = Path(__file__).resolve().parents[2]
@@ -30,12 +30,10 @@ def test_f18_killed_torque_node_stops_the_plant_in_ten_ticks_and_latches(tmp_pat
     folder = {"black_box_folder": str(tmp_path / "boxes")}
     values = {"plant_node": {"lockstep_timeout": 0.5, "pause_at_tick": 300} | folder, "torque_node": folder}
     plan = RunPlan(lockstep=True, namespace="arm", parameters=values)
-    with Session(plan, random_domain(), tmp_path) as session:
+    with MortalSession(plan, random_domain(), tmp_path) as session:
         session.activate()
         session.wait_until_tick(300)
-        session.expect_deaths()
-        session.kill("torque_node", signal.SIGKILL)
-        session.wait_for(lambda: not session.alive("torque_node"), 5.0, "the node did not die")
+        session.kill("torque_node")
         session.run_to(350)
         session.wait_for(lambda: session.diagnostics("plant_node").get("gate_stopped") == "True", 10.0, "no stop")
         found = session.diagnostics("plant_node")
@@ -67,7 +65,7 @@ def test_ctrl_c_leaves_no_process(tmp_path: Path) -> None:
         "from hd_control.session.session import Session\n"
         f"with Session(RunPlan(lockstep=True), {random_domain()}, Path({str(tmp_path)!r})) as session:\n"
         "    session.activate()\n"
-        "    print(*(session.pid(process.node) for process in session.processes), flush=True)\n"
+        "    print(*(session._children.processes[process.node].pid for process in session.processes), flush=True)\n"
         "    time.sleep(60)\n"
     )
     process = subprocess.Popen(
