@@ -1,10 +1,11 @@
-"""Gain, offset, ripple and drift of a gauge bridge from a slow turn whose joint torque is known.
+"""Gauge bridge and sensors: what they indicate, the way back, and the bridge's parameters from a slow turn.
 
     indicated = gain tau + offset + drift (T - T_0) + sum_{n = 2, 4} a_n cos n beta + b_n sin n beta + f sgn(q')
 
-Linear least squares; errors by leaving out one block of time after the other, so that slow residuals count. f, the
-friction of the link's bearing, is no parameter of the bridge: it only keeps the offset clean, where the joint turns in
-both directions. The same model as the fusion law inverts.
+beta is the angle from the long axis of the wave generator to the gauge, rad; `GaugeModel` is the same model without f,
+as the fusion law inverts it. `fit_gauge`: linear least squares on a slow turn whose joint torque is known; errors by
+leaving out one block of time after the other, so that slow residuals count. f, the friction of the link's bearing, is
+no parameter of the bridge: it only keeps the offset clean, where the joint turns in both directions.
 """
 
 from __future__ import annotations
@@ -19,13 +20,10 @@ import numpy as np
 from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import BagError
 
-# ----------------------------------------------------------------------------------------------------
-# Strain-gauge bridge on the flexspline: what it indicates, and the way back. Hashimoto (3)-(13).
+# ---- The bridge on the flexspline. Hashimoto (3)-(13) ----------------------------------------------
 #
-#     indicated = gain tau + offset + drift (temperature - reference) + sum_{n = 2, 4} a_n cos n beta + b_n sin n beta
-#
-# beta is the angle from the long axis of the wave generator to the gauge, rad. The second harmonic comes from the angle
-# error between two gauge pairs that should stand at 90 degrees; the fourth is not cancelled by such pairs at all.
+# The second harmonic comes from the angle error between two gauge pairs that should stand at 90 degrees; the fourth is
+# not cancelled by such pairs at all.
 
 
 @dataclass(frozen=True)
@@ -89,8 +87,7 @@ def bridge_gain(
     return gauge_factor * supply_voltage * both / (8.0 * math.pi * thickness * shear * inner_radius**2 * outer_radius)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Counters and angles: resolution, quantisation, unwrapping. Readable forms; the fusion law has them compiled.
+# ---- Counters and angles: resolution, quantisation, unwrapping; readable forms, the fusion law has them compiled ----
 
 
 def motor_count(counts_per_turn: float, gear_ratio: float) -> float:
@@ -125,7 +122,7 @@ def unwrap(readings: FloatArray, period: float) -> FloatArray:
     return np.asarray(readings - np.cumsum(jumps) * period)
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The slow turn ---------------------------------------------------------------------------------
 
 
 PARTS = ("ripple", "offset", "gain")

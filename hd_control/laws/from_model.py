@@ -1,4 +1,4 @@
-"""An identified model into the controllers' parameters: what is applied, what is not, and why.
+"""An identified model into the controllers' parameters: what each effect becomes, what is applied, what not, and why.
 
 applied = apply_model(model, {"torque_node": values, "fusion_node": values})
 applied.values["torque_node"], applied.rows
@@ -19,8 +19,7 @@ from hd_control.drive.model import JointModel, Model, ModelValue
 from hd_control.laws import fusion, torque
 from hd_control.laws.torque_adaptive import HARMONICS, LOOP_WARNING
 
-# ----------------------------------------------------------------------------------------------------
-# What each effect of an identified model becomes in the controllers: settings by parameter, or the reason for none.
+# ---- What each effect becomes: settings by parameter, or the reason for none -----------------------
 #
 # All values are at the joint side of the gear, SI. Signs, model -> controller, docs/equations/compensation.md (C1):
 #
@@ -298,7 +297,7 @@ def proposals(case: JointCase) -> Iterator[Proposal]:
             yield RULES[effect](case, effect)
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The table, and the values that grow with it ---------------------------------------------------
 
 
 PARAMETERS: Mapping[str, ParameterSet] = {FUSION: fusion.PARAMETERS, TORQUE: torque.PARAMETERS}

@@ -1,8 +1,8 @@
-"""A goal is checked completely before acceptance and never repaired. A refusal is one GoalError and changes nothing.
+"""A goal is checked completely before acceptance and never repaired; then its tolerances are watched while it moves.
 
-Order and codes: `size`, `joint_unknown`, `joint_repeated`, `joint_missing`, `length`, `not_finite`, `time`,
-`start_stamp`, `start_position`, `start_speed`, `position_limit`, `velocity_limit`, `acceleration_limit`,
-`torque_limit`, `final_velocity`.
+A refusal is one GoalError and changes nothing. Order and codes: `size`, `joint_unknown`, `joint_repeated`,
+`joint_missing`, `length`, `not_finite`, `time`, `start_stamp`, `start_position`, `start_speed`, `position_limit`,
+`velocity_limit`, `acceleration_limit`, `torque_limit`, `final_velocity`.
 
 Position, velocity and acceleration are checked at the exact extrema of every segment of the path, the blend from the
 present reference included; a step of velocity counts as an acceleration over one sample. Torque is sampled: the rigid
@@ -25,8 +25,7 @@ from hd_control.core.robot import Robot
 from hd_control.laws.motion import in_robot_order, rigid_torque
 from hd_control.laws.trajectory import Goal, Path, TrajectoryFollower, refusal
 
-# ----------------------------------------------------------------------------------------------------
-# The form of a goal: sizes, joint names, array lengths, finite numbers, times. A refusal is one GoalError.
+# ---- The form: sizes, joint names, array lengths, finite numbers, times ----------------------------
 
 
 MAX_POINTS, MAX_DURATION, MAX_BYTES = 10_000, 3600.0, 4_000_000
@@ -140,8 +139,7 @@ def check_times(goal: Goal, period: float) -> None:
         )
 
 
-# ----------------------------------------------------------------------------------------------------
-# Does a motion keep the tolerances that came with its goal? Pure; time is ticks.
+# ---- The tolerances that came with a goal, in the motion; time is ticks ----------------------------
 #
 # Codes are those of `control_msgs/action/FollowJointTrajectory`.
 
@@ -217,12 +215,11 @@ class GoalWatch:
         return text
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The check -------------------------------------------------------------------------------------
 
 
 MAX_LEAD = 60.0
 """s between reception and start."""
-__all__ = ["GoalLimits", "check_goal", "goal_from_points"]
 TORQUE_SAMPLES = 1000
 ROUNDING = 1e-9
 """A limit may be exceeded by this much, in its own unit, so that a goal may end exactly on it."""

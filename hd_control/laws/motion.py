@@ -25,8 +25,7 @@ from hd_control.core.faults import FaultCode
 from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
 from hd_control.core.robot import Robot
 
-# ----------------------------------------------------------------------------------------------------
-# Link model of virtual decomposition control: parameters, bounds and gains as blocks; torque of the rigid arm.
+# ---- The link model of virtual decomposition control, and the torque of the rigid arm --------------
 #
 # Zhu, section IV: each link has 13 parameters theta_L (`Robot.link_parameters`), each with an adaptation gain and
 # bounds.
@@ -95,8 +94,7 @@ def rigid_torque(
     return found
 
 
-# ----------------------------------------------------------------------------------------------------
-# Parameters of the motion node: the laws' gains, the link model, goals. Values: config/motion_node.yaml.
+# ---- Parameters of the motion node: gains of the laws, link model, goals; values in config/motion_node.yaml ----
 
 
 LAWS = ("vdc", "pd", "pid", "computed_torque", "feed_forward")
@@ -218,7 +216,7 @@ PARAMETERS = ParameterSet(
 )
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The law ---------------------------------------------------------------------------------------
 
 
 _GAINS = ("position_gain", "velocity_gain", "integral_gain", "integral_low", "integral_high", "rotor_inertia")

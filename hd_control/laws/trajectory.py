@@ -1,7 +1,9 @@
-"""Goals become references by tick. Time is `(tick - start tick) * period`; no clock is read.
+"""Goals become references by tick: paths made of goals, followed at full or at slow rate.
 
-A new goal starts at the present reference with its velocity and acceleration, so it may replace one in motion. The last
-point is held exactly. How points are joined: `hd_control.laws.trajectory`.
+Time is `(tick - start tick) * period`; no clock is read. A new goal starts at the present reference with its velocity
+and acceleration, so it may replace one in motion. The last point is held exactly. Interpolation follows what the goal
+gives: positions only are joined by lines, with velocities by cubics, with accelerations by quintics. Knots count
+samples, so points that fall on a tick are met exactly.
 """
 
 from __future__ import annotations
@@ -17,11 +19,7 @@ from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import GoalError
 from hd_control.core.faults import FaultCode
 
-# ----------------------------------------------------------------------------------------------------
-# Paths: splines of all joints over ticks, made from a goal and the present reference. Pure functions.
-#
-# Interpolation follows what the goal gives: positions only are joined by lines, with velocities by cubics, with
-# accelerations by quintics. Knots count samples, so points that fall on a tick are met exactly.
+# ---- Paths: splines of all joints over ticks; pure functions ---------------------------------------
 
 
 def refusal(code: str, joint: str, what: str, remedy: str) -> GoalError:
@@ -268,8 +266,7 @@ def _faded_in(
     return knots, coefficients
 
 
-# ----------------------------------------------------------------------------------------------------
-# Slow motion: a degraded robot follows its path at a quarter of the speed, and catches nothing up afterwards.
+# ---- Slow motion: a degraded robot follows its path at a quarter of the speed, and catches nothing up afterwards ----
 #
 # The path runs on a time of its own: `path tick = tick - lag`. The rate of that time falls from 1 to `SLOW_RATE` within
 # `CHANGE_TIME` and rises again in the same way, so the reference has no step in position or velocity:
@@ -319,8 +316,7 @@ class SlowMotion:
         velocity *= self.rate
 
 
-# ----------------------------------------------------------------------------------------------------
-# Goals of usual shapes: rest-to-rest moves and sines with a quintic envelope.
+# ---- Goals of usual shapes: rest-to-rest moves and sines with a quintic envelope -------------------
 
 
 QUINTIC_PEAK = 1.875
@@ -398,10 +394,7 @@ def _at_rest(joint_names: Sequence[str], times: Sequence[float], points: Sequenc
     return Goal(tuple(joint_names), np.array(times), q, np.zeros_like(q), np.zeros_like(q), identifier=identifier)
 
 
-# ----------------------------------------------------------------------------------------------------
-
-
-__all__ = ["Goal", "Motion", "Path", "TrajectoryFollower", "enveloped_sine", "moves", "quintic_move", "sine_goal"]
+# ---- The reference by tick -------------------------------------------------------------------------
 
 
 class TrajectoryFollower:

@@ -1,4 +1,7 @@
-"""`docs/faults.md`: one section per fault, with the line that people read when it is raised."""
+"""`docs/faults.md`: one section per fault, with the line that people read when it is raised.
+
+Faults that compare no numbers are lines of words: each example goes through the function that finds the fault in a run.
+"""
 
 from __future__ import annotations
 
@@ -101,8 +104,7 @@ def with_numbers(code: FaultCode) -> str:
     return Fault(code, joint, value, limit, Action[given["action"].upper()]).text()
 
 
-# ----------------------------------------------------------------------------------------------------
-# Faults in words: each example goes through the function that finds the fault in a run.
+# ---- Faults in words -------------------------------------------------------------------------------
 
 
 def _message(call: Callable[[], object]) -> str:
