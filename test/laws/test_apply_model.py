@@ -203,12 +203,18 @@ def test_the_same_goal_with_identified_friction_has_half_the_error(scenario):
     model = model_of(joint=name, ratio=float(config.drives["gear_ratio"][0]), **friction_of(config))
     rms, largest = track(config, before, scenario)
     better_rms, better_largest = track(config, after(config, before, model), scenario)
+    print(f"{scenario}: RMS {1e6 * rms:.3g} -> {1e6 * better_rms:.3g} microrad")
     assert better_rms < 0.5 * rms and better_largest < 0.5 * largest
 
 
-@pytest.mark.parametrize("scenario", ["sine_joint_3_0p5hz", "sine_joint_5_0p5hz"])
-def test_the_same_goal_with_the_kinematic_error_has_half_the_error(scenario):
-    """Friction is known before and after; with the wrong sign the error grows, so the sign is the right one."""
+@pytest.mark.parametrize(
+    ("scenario", "share"), [("sine_joint_3_0p5hz", 0.5), ("sine_joint_5_0p5hz", 0.5), ("sine_joint_7_0p5hz", 0.8)]
+)
+def test_the_same_goal_with_the_kinematic_error_has_a_smaller_error(scenario, share):
+    """Friction is known before and after; with the wrong sign the error grows, so the sign is the right one.
+
+    Half the error on joints 3 and 5; on joint 7 quantisation and the noise of its small drive stay.
+    """
     name = scenario[5:12]
     plain = nominal(PlantConfig.from_file(f"single_{name}"))
     config = apply_hidden(plain, [HiddenEffect(0, "kinematic_error", 4.0)], 3)
@@ -220,5 +226,6 @@ def test_the_same_goal_with_the_kinematic_error_has_half_the_error(scenario):
     for sign in (1.0, -1.0):
         model = model_of(joint=name, ratio=ratio, kinematic_error={key: sign * w for key, w in waves.items()})
         found[sign] = track(config, after(config, before, model), scenario)[0]
-    assert found[1.0] < 0.5 * rms
+    print(f"{scenario}: RMS {1e6 * rms:.3g} -> {1e6 * found[1.0]:.3g} microrad")
+    assert found[1.0] < share * rms
     assert found[-1.0] > 1.5 * rms
