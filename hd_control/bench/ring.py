@@ -25,6 +25,7 @@ import numpy as np
 from hd_control.core import topics
 from hd_control.core.errors import HdError
 from hd_control.nodes.process import prepare_environment, request_real_time, sleep_until, stop_on_signals
+from hd_control.record.cdr import new_run_id
 from hd_control.record.schema import joint_state_codec
 from hd_control.session.session import FOUR, Children, RunPlan, Session, child_environment, log_folder
 
@@ -127,7 +128,7 @@ class _FastRing(_Ring):
         source, target = HOPS[hop]
         loop = FastLoop(self.node)
         places = {array: range(len(JOINTS)) for array in topics.fields(target)}
-        encode = make_message(joint_state_codec(target, JOINTS), secrets.token_hex(8), places).encode
+        encode = make_message(joint_state_codec(target, JOINTS), new_run_id(), places).encode
         publish = self.node.create_publisher(JointState, target, chain_qos()).handle.publish_raw
         numbers = np.zeros(len(JOINTS))
 
@@ -151,7 +152,7 @@ class _FastRing(_Ring):
         back = RawInput(self.node, topics.COMMAND, JOINTS, HandsOff())
         out = joint_state_codec(topics.ENCODER, JOINTS)
         publisher = self.node.create_publisher(JointState, topics.ENCODER, chain_qos())
-        run_id, numbers, dt_ns = secrets.token_hex(8), np.arange(7.0), round(period * 1e9)
+        run_id, numbers, dt_ns = new_run_id(), np.arange(7.0), round(period * 1e9)
 
         def send(tick: int) -> None:
             publisher.handle.publish_raw(out.encode(tick * dt_ns, run_id, position=numbers))

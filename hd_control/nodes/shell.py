@@ -8,7 +8,6 @@ not at all. States and transitions are those of `rclpy.lifecycle`.
 from __future__ import annotations
 
 import math
-import secrets
 import time
 import traceback
 from collections.abc import Callable, Mapping
@@ -29,7 +28,7 @@ from hd_control.core.faults import Action, Fault, FaultCode
 from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
 from hd_control.core.robot import Robot
 from hd_control.nodes.fast_loop import FastLoop, HandsOff, chain_qos, latched_qos
-from hd_control.record.cdr import ValuesCodec
+from hd_control.record.cdr import ValuesCodec, new_run_id
 
 # ---- A ParameterSet as ROS parameters --------------------------------------------------------------
 
@@ -177,7 +176,7 @@ class Shell(LifecycleNode):
 
     def __init__(self, name: str, own: ParameterSet) -> None:
         super().__init__(name)
-        self.run_id = secrets.token_hex(8)
+        self.run_id = new_run_id()
         self.group = HandsOff()
         self.loop = FastLoop(self, self.subscriptions_waited)
         self.fault = ""

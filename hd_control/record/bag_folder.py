@@ -162,12 +162,11 @@ def save(folder: Path, info: Mapping[str, Any]) -> None:
 
 @dataclass(frozen=True)
 class BagIndex:
-    """What metadata.yaml says about a bag: its files, counts by topic, custom texts, storage."""
+    """What metadata.yaml says about a bag: its files, counts by topic, custom texts."""
 
     files: tuple[str, ...]
     counts: Mapping[str, int]
     custom_data: Mapping[str, str]
-    storage: str
 
 
 def load(path: Path) -> BagIndex:
@@ -183,7 +182,7 @@ def load(path: Path) -> BagIndex:
             name = str(entry["topic_metadata"]["name"])
             counts[name] = counts.get(name, 0) + int(entry["message_count"])
         custom = {str(key): str(value) for key, value in (info.get("custom_data") or {}).items()}
-        return BagIndex(files, counts, custom, str(info["storage_identifier"]))
+        return BagIndex(files, counts, custom)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ConfigError(f"{path}: not a rosbag2 metadata file ({type(error).__name__}: {error})") from None
 

@@ -192,13 +192,6 @@ class FixedCodec:
         seconds, nanoseconds = _STAMP.unpack_from(buffer, self._stamp_at)
         return int(seconds * _SECOND + nanoseconds)
 
-    def frame_id(self, buffer: Buffer) -> str:
-        """Only the frame_id: the run id of the publisher on topics of this package."""
-        if self._frame is None:
-            return ""
-        at, length = self._frame
-        return bytes(buffer[at : at + length]).decode("utf-8", "replace")
-
     def rows(self, buffers: Sequence[Buffer] | ByteArray) -> ByteArray:
         """Messages as (n, at least size) uint8. Raises ValueError if the lengths differ or are too short."""
         if isinstance(buffers, np.ndarray):
@@ -212,16 +205,6 @@ class FixedCodec:
         if rows.ndim != 2 or rows.dtype != np.uint8 or rows.shape[1] < self.size:
             raise ValueError(f"expected bytes of shape (n, {self.size} or more), got {rows.dtype} {rows.shape}")
         return rows
-
-    def matching(self, buffers: Sequence[Buffer] | ByteArray) -> NDArray[np.bool_]:
-        """(n,) True where a message has exactly this layout."""
-        rows = self.rows(buffers)
-        fixed = np.frombuffer(self.fixed_bytes, np.uint8)
-        where = np.flatnonzero(np.frombuffer(self.mask_bytes, np.uint8))
-        if rows.shape[1] > self.size + SURPLUS:
-            return np.zeros(len(rows), bool)
-        good: NDArray[np.bool_] = (rows[:, where] == fixed[where]).all(axis=1)
-        return good
 
     def columns(self, buffers: Sequence[Buffer] | ByteArray) -> MessageColumns:
         """Many messages at once; layout as in `matches`, not checked again. Arrays are (n, numbers), contiguous."""
@@ -448,11 +431,6 @@ def encode_text(text: str) -> bytes:
     """A std_msgs/String, without the library of types: loops call this, and loading that takes hundreds of ticks."""
     data = text.encode() + b"\0"
     return ENCAPSULATION + struct.pack("<I", len(data)) + data
-
-
-def decode_text(buffer: Buffer) -> str:
-    """The text of a std_msgs/String. Raises ValueError."""
-    return str(decode_message("std_msgs/msg/String", buffer).data)
 
 
 def new_run_id() -> str:

@@ -56,11 +56,6 @@ class Columns:
         """(n, names) or None if no message has it."""
         return self.values.get("effort")
 
-    @property
-    def run_ids(self) -> list[str]:
-        """The different frame_ids."""
-        return [] if self.frame_ids is None else [key.decode("utf-8", "replace") for key in np.unique(self.frame_ids)]
-
 
 @dataclass(frozen=True)
 class _Piece:

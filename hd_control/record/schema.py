@@ -10,13 +10,13 @@ from hd_control.core.topics import JOINT_STATE_TYPE, topic_info
 from hd_control.record.cdr import RUN_ID_LENGTH, JointStateCodec, typestore
 
 
-def joint_state_codec(topic: str, joint_names: Sequence[str], frame_id_length: int = RUN_ID_LENGTH) -> JointStateCodec:
+def joint_state_codec(topic: str, joint_names: Sequence[str]) -> JointStateCodec:
     """The codec of one of the chain's JointState topics. Raises BagError for any other topic."""
     known = topic_info(topic)
     if known is None or known.type_name != JOINT_STATE_TYPE:
         raise BagError(f"{topic}: not a JointState topic of this package; see hd_control.core.topics.TOPICS")
     present = {field: field in known.fields for field in ("position", "velocity", "effort")}
-    return JointStateCodec(joint_names, frame_id_length, **present)
+    return JointStateCodec(joint_names, RUN_ID_LENGTH, **present)
 
 
 @lru_cache(maxsize=64)

@@ -165,16 +165,16 @@ class BagWriter:
                 raise
             channel.account.wrote(len(rows))
 
-    def attach(self, name: str, data: str | bytes, media_type: str = "text/plain", time_ns: int = 0) -> None:
+    def attach(self, name: str, data: str | bytes, media_type: str = "text/plain") -> None:
         """Carries a file inside the recording: parameters, URDF, model."""
         payload = data.encode("utf-8") if isinstance(data, str) else data
         self._check_open()
-        self._file.add_attachment(name, media_type, payload, time_ns)
+        self._file.add_attachment(name, media_type, payload, 0)
         self.flush()
 
-    def attach_file(self, path: str | Path, name: str = "") -> None:
+    def attach_file(self, path: str | Path) -> None:
         """Attaches a file from disk. Raises BagError if it cannot be read."""
-        self.attach(name or Path(path).name, attachment_bytes(Path(path)))
+        self.attach(Path(path).name, attachment_bytes(Path(path)))
 
     def set_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Writes a metadata record now; a later one of the same name replaces it for the reader."""
