@@ -33,7 +33,7 @@ _REMEDIES = {
     errno.EACCES: "no permission; choose a folder of your own",
     errno.EPERM: "no permission; choose a folder of your own",
     errno.EFBIG: "the file size limit is reached; raise it",
-    errno.ENOENT: "its folder does not exist; make it first",
+    errno.ENOENT: "the parent folder does not exist; make it first",
     errno.ENOTDIR: "part of the path is a file; choose another path",
     errno.EISDIR: "it is a folder; choose another name",
     errno.EIO: "the disk reports an error; check it and choose another one",
