@@ -22,8 +22,7 @@ from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import ConfigError
 from hd_control.drive.effect import CHANNELS, UNITS, Columns, Context, DriveStates, Effect, EffectParameter, Shape
 
-# ----------------------------------------------------------------------------------------------------
-# Formulas in named signals and parameters, read into a tree of whitelisted nodes; nothing is ever run as code.
+# ---- Formulas --------------------------------------------------------------------------------------
 
 
 SIGNALS = (
@@ -131,7 +130,7 @@ def evaluate_formula(tree: ast.expr, values: Mapping[str, Any]) -> Any:
     return FUNCTIONS[tree.func.id](*(evaluate_formula(argument, values) for argument in tree.args))
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- Effects of formulas and tables ----------------------------------------------------------------
 
 
 SHORT = {"direction": "motor_direction", "velocity": "motor_velocity", "torque": "joint_torque"}

@@ -1,4 +1,7 @@
-"""Model files, schema hd.model/1: strict YAML in, canonical YAML out. See docs/model.md."""
+"""Model files, schema hd.model/1: strict YAML in, canonical YAML out. See docs/model.md.
+
+The same model gives the same text, byte for byte.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +21,7 @@ from hd_control.drive.effect import Context, Effect, EffectParameter
 from hd_control.drive.expression import Expression, Table, check_names
 from hd_control.drive.model import SOURCES, JointModel, Model, ModelValue, is_urdf_text
 
-# ----------------------------------------------------------------------------------------------------
-# The canonical text of a model: the same model gives the same text, byte for byte.
+# ---- The canonical text ----------------------------------------------------------------------------
 
 
 _PLAIN = re.compile(r"[A-Za-z_][\w./\-+^*() ]*(?<! )$")
@@ -143,7 +145,7 @@ def word(text: str) -> str:
     return text if bare else json.dumps(text)
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- Reading and saving ----------------------------------------------------------------------------
 
 
 SCHEMA = "hd.model/1"

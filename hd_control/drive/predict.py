@@ -23,8 +23,7 @@ from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, DriveStates, Effe
 from hd_control.drive.link import OwnLink
 from hd_control.drive.model import JointModel
 
-# ----------------------------------------------------------------------------------------------------
-# What a free run steps: the numbers of the base, the terms of the other effects, and the recording behind them.
+# ---- What is stepped: the numbers of the base, the terms of the other effects, the recording behind them ----
 
 
 BASE = ("rotor_inertia", "torsional_stiffness", "coulomb_friction", "viscous_friction", "link_dynamics")
@@ -131,8 +130,9 @@ def rows_of(states: DriveStates, rows: IntArray) -> DriveStates:
     return replace(states, **some)
 
 
-# ----------------------------------------------------------------------------------------------------
-# One step of a free run for all windows at once. Source: docs/equations/prediction.md (W1), (W2).
+# ---- One step for all windows at once --------------------------------------------------------------
+#
+# Source: docs/equations/prediction.md (W1), (W2).
 
 
 NEWTON_ROUNDS = 2
@@ -308,7 +308,7 @@ class Stepper:
         )
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The run ---------------------------------------------------------------------------------------
 
 
 HORIZONS = ((0.5, 0.25), (5.0, 2.5))

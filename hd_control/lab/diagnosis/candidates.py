@@ -1,4 +1,7 @@
-"""Groups: what is added or dropped as one, the columns of one effect with one shape or of one free curve."""
+"""Candidates: effects with a shape and free curves as groups of columns, each added or dropped as one.
+
+A free curve is a cubic spline of one variable without a law, the net for what no library entry explains.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +13,7 @@ import numpy as np
 from hd_control.core.arrays import FloatArray, IntArray
 from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, Columns, DriveStates, Effect, Shape
 
-# ----------------------------------------------------------------------------------------------------
-# Curves without a law: cubic splines of one variable, the net for what no library entry explains.
+# ---- Free curves -----------------------------------------------------------------------------------
 
 
 ORDERS = (1, 2, 3, 4, 6)
@@ -220,7 +222,7 @@ def _behind_damper(columns: FloatArray, steps: float) -> FloatArray:
     return np.asarray(lfilter([gain, gain], [1.0, -pole], columns, axis=0, zi=start)[0])
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- Groups and candidates -------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

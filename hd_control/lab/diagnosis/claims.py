@@ -1,4 +1,8 @@
-"""What may be said of a selection: which names stand, how sure they are, and what is unknown."""
+"""What may be said of a selection: which names stand, how sure they are, and what is unknown.
+
+It rests on what is left after the fit (bursts in time, whiteness of the residual) and on what a name gains beside the
+strongest effect.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +19,7 @@ from hd_control.lab.diagnosis.fit import Fit, RawRows
 from hd_control.lab.diagnosis.search import Search, Selection
 from hd_control.lab.diagnosis.verdict import NamedEffect, Unknown
 
-# ----------------------------------------------------------------------------------------------------
-# What is left after the fit: bursts in time and whiteness of the whitened residual.
+# ---- What is left after the fit --------------------------------------------------------------------
 
 
 BURST_BLOCK_S = 0.33
@@ -95,10 +98,9 @@ def whiteness(residuals: Mapping[str, FloatArray]) -> dict[str, Whiteness]:
     return found
 
 
-# ----------------------------------------------------------------------------------------------------
-# How sure is a name: from what it gains beside the strongest effect, and whether something unknown is left over.
+# ---- How sure a name is ----------------------------------------------------------------------------
 #
-# The weights are fitted on random drives whose seeds are kept for calibration (docs/diagnosis.md).
+# The weights are fitted on random drives whose seeds are kept for calibration (docs/challenge.md).
 
 
 WEIGHTS = (-2.5, 1.8, 1.1, -3.3)
@@ -120,7 +122,7 @@ def confidence(gain: float, strongest: float, unknown: bool) -> float:
     return 1.0 / (1.0 + float(np.exp(-score)))
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The claims ------------------------------------------------------------------------------------
 
 
 HIGHER = 1.02

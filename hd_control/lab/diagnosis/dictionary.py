@@ -1,7 +1,9 @@
 """Everything that could stand in the balances of one joint, filtered and whitened: base, effects with shapes, curves.
 
 A **group** is what is added or dropped as one: the columns of one effect with one shape, or of one free curve. All
-columns have unit norm after whitening; a coefficient that acts on several channels is one coefficient.
+columns have unit norm after whitening; a coefficient that acts on several channels is one coefficient. The noise of a
+channel comes from the residual of everything at once. Blocks of time are dealt to folds, so that what is held out is
+never next to what is fitted.
 """
 
 from __future__ import annotations
@@ -17,8 +19,7 @@ from hd_control.lab.balances.channels import Base, Channel, JointEquations
 from hd_control.lab.balances.noise import Noise, fit_noise
 from hd_control.lab.diagnosis.candidates import Candidate, Group, group_of
 
-# ----------------------------------------------------------------------------------------------------
-# Blocks of time that are dealt to folds: what is held out is never next to what is fitted.
+# ---- Blocks and folds ------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,7 @@ class Blocks:
         return block, np.where(guard, -1, block % self.folds)
 
 
-# ----------------------------------------------------------------------------------------------------
-# The noise of a channel from the residual of everything at once: what no column explains.
+# ---- The noise of a channel ------------------------------------------------------------------------
 
 
 RIDGE_NOISE = 1e-7
@@ -91,7 +91,7 @@ def _without_outliers(seen: FloatArray, unseen: FloatArray, block: IntArray, use
     return np.where(alone, usual * seen, unseen)
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The dictionary --------------------------------------------------------------------------------
 
 
 RIDGE_LIBRARY = 1e-9
