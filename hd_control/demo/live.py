@@ -42,7 +42,6 @@ class NotKept(RobotStopped):
 class Phase:
     """A recorded motion: its bag, the stamps of the window of its tracking error in ns, missed ticks in per cent."""
 
-    name: str
     bag: Path
     window: tuple[int, int]
     missed: float
@@ -93,7 +92,7 @@ class LiveRobot:
         self._check()
         session.deactivate()
         first, last = (round(round(time / period + shift) * period * 1e9) for time in plan.window)
-        return Phase(name, self._folder / name, (first, last), missed_percent(world))
+        return Phase(self._folder / name, (first, last), missed_percent(world))
 
     def _activate(self, bag: Path, attach: list[str]) -> int:
         """Activates all nodes, the recorder with a new bag; returns the first tick of the phase."""

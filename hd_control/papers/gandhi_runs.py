@@ -60,8 +60,6 @@ class GearRun:
     time: FloatArray
     reference: FloatArray  # (k, 8), the fields of ManifoldReference
     measured: FloatArray  # (k, 6), the fields of the torque law's sample
-    torque: FloatArray  # motor torque, motor side
-    hysteresis: FloatArray
     wind_up: FloatArray
     largest_deg: float
 
@@ -156,7 +154,7 @@ def run(experiment: Experiment) -> GearRun:
     joint, state = GearJoint(plant_values(c, experiment)), law.initial_state(params)
     wanted, output = law.new_reference(1), law.layout("ManifoldOutput", 1).zeros()
     time = np.arange(samples) * period
-    rows, measured, more = reference(c, time), np.empty((samples, 6)), np.empty((samples, 3))
+    rows, measured, wind = reference(c, time), np.empty((samples, 6)), np.empty(samples)
     true = Block(law.new_sample(1).layout, joint.measured)
     eyes = None if experiment.sensors is None else Sensors(c, period, np.array(experiment.sensors), joint.measured)
     for k in range(samples):
@@ -164,12 +162,10 @@ def run(experiment: Experiment) -> GearRun:
         wanted.array[:] = rows[k]
         sample = true if eyes is None else eyes.read(joint.measured)
         law.step_in_place(params, state, sample, wanted, output, period)
-        torque = output.array[0]
-        more[k] = torque, joint.hysteresis_torque, joint.wind_up
-        joint.advance(torque, step, substeps)
+        wind[k] = joint.wind_up
+        joint.advance(output.array[0], step, substeps)
     steady = time >= c["steady_from"]
     largest = float(np.rad2deg(np.abs(measured[steady, 0] - rows[steady, 0]).max()))
     keep = slice(None, None, max(1, round(DRAWN / period)))
-    u, hysteresis, wind = more[keep].T.copy()
-    shown = (time[keep], rows[keep].copy(), measured[keep].copy(), u / c["gear_ratio"], hysteresis, wind)
+    shown = (time[keep], rows[keep].copy(), measured[keep].copy(), wind[keep].copy())
     return GearRun(*shown, largest if math.isfinite(largest) else math.nan)

@@ -39,7 +39,6 @@ class TorqueRun:
     required: FloatArray
     required_rate: FloatArray
     torque: FloatArray
-    motor_torque: FloatArray
 
 
 def required_torque(c: Constants, experiment: TorqueExperiment) -> FloatArray:
@@ -103,7 +102,7 @@ def run(experiment: TorqueExperiment) -> TorqueRun:
         law.step_in_place(params, state, sample, wanted, output, period)
         motor[k + c["command_delay"]] = rows[k, 0] if experiment.variant == "open" else output.array[0]
         plant.advance(motor[k], step, substeps)
-    return TorqueRun(np.arange(samples) * period, rows[:, 0], rows[:, 1], torque, motor[:samples])
+    return TorqueRun(np.arange(samples) * period, rows[:, 0], rows[:, 1], torque)
 
 
 def half_width(result: TorqueRun) -> tuple[float, float]:

@@ -40,11 +40,10 @@ ERRORS = ("velocity_error", "position_error", "rate_error", "torque_error")
 
 @dataclass(frozen=True)
 class IdealRun:
-    """Samples (k,): time s, V1 J, and errors by name; `ratios`: left over right side of (15)-(18)."""
+    """Samples (k,): time s, V1 J; `ratios`: left over right side of (15)-(18)."""
 
     time: FloatArray
     lyapunov: FloatArray
-    errors: dict[str, FloatArray]
     ratios: dict[str, float]
 
     @property
@@ -117,8 +116,7 @@ def ideal_run(disturbed: bool = False) -> IdealRun:
         u_d = size * math.exp(-k * dt / fade) * math.sin(pitch * k * dt) if disturbed else 0.0
         rows[k] = (u_d, *proof_terms(params, output, drive, (q, q_v, tau_r, tau)))
         drive.advance(float(output.motor_torque[0]) + u_d, tau, dt)
-    errors = dict(zip(ERRORS, rows[:, 2:].T, strict=True))
-    return IdealRun(dt * np.arange(ticks), rows[:, 1], errors, _ratios(params, drive.k_f, rows, dt))
+    return IdealRun(dt * np.arange(ticks), rows[:, 1], _ratios(params, drive.k_f, rows, dt))
 
 
 def proof_terms(

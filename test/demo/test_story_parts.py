@@ -171,7 +171,7 @@ def made_outcome(after: float, note: str = "", named: str = "kinematic_error") -
     ]
     effect = {"name": named, "confidence": 0.97, "parameters": {}}
     row = {"joint": "joint_5", "effect": named, "applied": not note, "note": note, "before": 0.0, "value": 1e-4}
-    phases = {n: Phase(n, Path(n), (0, 1), 0.0) for n in ("excitation", "goal_before", "goal_after")}
+    phases = {n: Phase(Path(n), (0, 1), 0.0) for n in ("excitation", "goal_before", "goal_after")}
     truth = {"names": ["kinematic_error"], "unknown": [], "parameters": {}}
     hidden = {"joint": "joint_5", "name": "kinematic_error", "strength": 4.0}
     correct = named == "kinematic_error"
