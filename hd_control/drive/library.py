@@ -15,7 +15,7 @@ from types import ModuleType
 
 from hd_control.core.errors import ConfigError
 from hd_control.drive import effects as shipped
-from hd_control.drive.effect import Effect
+from hd_control.drive.effect import BASE_NUMBERS, BaseNumber, Effect
 
 GROUP = "hd_control.effects"
 
@@ -39,6 +39,12 @@ def library() -> dict[str, type[Effect]]:
 def names_in_every_model() -> tuple[str, ...]:
     """Names of the effects that every model has."""
     return tuple(name for name, effect in library().items() if effect.in_every_model)
+
+
+def base_numbers() -> tuple[tuple[type[Effect], BaseNumber], ...]:
+    """Effect and parameter of each of `BASE_NUMBERS`, in their order."""
+    found = [(effect, one) for effect in library().values() for one in effect.base]
+    return tuple(sorted(found, key=lambda item: BASE_NUMBERS.index(item[1].number)))
 
 
 def names_that_may_be_missing() -> tuple[str, ...]:
@@ -73,7 +79,24 @@ def problem_of(effect: object) -> str:
         return f"it does not say its {', '.join(missing)}"
     if effect.__abstractmethods__:
         return f"it does not define {', '.join(sorted(effect.__abstractmethods__))}"
-    return "" if effect.name.isidentifier() else f"its name {effect.name!r} is not a plain word"
+    if not effect.name.isidentifier():
+        return f"its name {effect.name!r} is not a plain word"
+    return _diagnosis_problem(effect)
+
+
+def _diagnosis_problem(effect: type[Effect]) -> str:
+    """What is wrong with what the class says for a diagnosis, one clause; empty if nothing is."""
+    if not (isinstance(effect.law_error, (int, float)) and 0.0 <= effect.law_error < 1.0):
+        return f"its law_error {effect.law_error!r} is no number from 0 to 1"
+    if not inspect.ismethod(effect.needs):
+        return "its needs are no class method that returns a tuple"
+    if effect.base and not effect.__module__.startswith(shipped.__name__):
+        return "the numbers of the base belong to the shipped effects of every model"
+    test = effect.near_reversals
+    named = [effect.shifts_command] if effect.shifts_command else []
+    named += [test.entry, test.amplitude] if test is not None else []
+    known = {parameter.name for parameter in effect.parameters}
+    return next((f"it names {name!r}, which is not one of its parameters" for name in named if name not in known), "")
 
 
 def _plug_ins() -> Iterator[tuple[str, type[Effect]]]:

@@ -16,6 +16,7 @@ import numpy as np
 from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import ConfigError
 from hd_control.core.robot import Robot
+from hd_control.drive.effects.payload import NAMES, Payload
 from hd_control.drive.model import JointModel, Model
 
 GRAVITY = 9.81
@@ -69,6 +70,21 @@ def arm_terms(
         own, tool = (body_regressor(description, motion, j, body) for body in bodies)
         found[name] = (_inertia_scale(model, name) * inertia[:, j], bias[:, j], own, tool)
     return found
+
+
+def added_bodies(joint: JointModel) -> tuple[FloatArray, FloatArray]:
+    """Inertial parameters (10,) that the model adds to the joint's own and to the last link; zeros where it adds none.
+
+    Their order is that of the regressors' columns (`body_regressor`).
+    """
+    known = joint.numbers(Payload.name)
+    own, last = (np.array([known.get(f"{body}_{name}", 0.0) for name in NAMES]) for body in ("link", "tool"))
+    return own, last
+
+
+def single_inertia(joint: JointModel) -> float:
+    """Inertia kg m^2 of the link of a single joint without a robot description; 0 where the model gives none."""
+    return joint.number("link_dynamics", "inertia")
 
 
 def _rows(*motion: FloatArray) -> list[FloatArray]:

@@ -10,60 +10,6 @@ from hd_control.drive.effect import Context, DriveStates
 
 CONTEXT = Context(torsional_stiffness=3e5, coulomb_torque=24.0, torque_scale=150.0)
 
-EXAMPLES: dict[str, list[dict[str, float]]] = {
-    "rotor_inertia": [{"rotor_inertia": 28.0}],
-    "torsional_stiffness": [{"torsional_stiffness": 2.9e5, "damping_time": 1e-3, "transmission_zero": 2e-4}],
-    "coulomb_friction": [{"coulomb_torque": 24.0}],
-    "viscous_friction": [{"viscous": 300.0}],
-    "link_dynamics": [
-        {"inertia_scale": 1.1},
-        {"inertia_scale": 1.0, "inertia": 40.0, "gravity_cosine": 3.0, "gravity_sine": -120.0},
-    ],
-    "kinematic_error": [
-        {"cosine_2": 1e-5, "sine_2": -2e-5},
-        {"cosine_1": 1e-6, "sine_1": 0.0, "cosine_2": 1e-5, "sine_2": -2e-5, "cosine_4": 0.0, "sine_4": 3e-6},
-    ],
-    "torsional_hysteresis": [{"hysteresis_stiffness": 34800.0, "hysteresis_rate": 4000.0}],
-    "nonlinear_stiffness": [
-        {"stiffness_cubic": 4e11},
-        {"windup_depth": 5e-5, "windup_width": 2e-4, "windup_steepening": 0.4},
-    ],
-    "backlash": [{"half_gap": 4e-5, "crossing_torque": 1.5}],
-    "load_dependent_friction": [
-        {"load_friction_linear": 3e-3},
-        {"load_friction_linear": 3e-3, "load_friction_quadratic": 4e-6},
-    ],
-    "stribeck_friction": [{"stribeck_ratio": 1.4, "stribeck_velocity": 0.05}],
-    "asymmetric_friction": [{"friction_offset": -2.0}, {"friction_offset": -2.0, "viscous_asymmetry": 8.0}],
-    "quadratic_drag": [{"quadratic_drag": 5.5}],
-    "temperature_friction": [
-        {"viscous_slope": -1.5, "reference_temperature": 30.0},
-        {"viscous_slope": -1.5, "coulomb_slope": 0.1, "reference_temperature": 30.0},
-    ],
-    "presliding": [{"presliding_distance": 2e-4, "presliding_torque": 24.0}],
-    "motor_cogging": [{"cogging_order": 6.0, "cogging_amplitude": 2.0, "cogging_phase": 0.7}],
-    "torque_constant_error": [{"torque_constant_error": -0.02}],
-    "actuation_delay": [{"delay": 1.3e-3}],
-    "gauge_ripple": [
-        {"cosine_2": 0.5, "sine_2": 0.2, "joint_turn": 0.0},
-        {"cosine_2": 0.5, "sine_2": 0.2, "cosine_4": -0.1, "sine_4": 0.3, "joint_turn": -1.0},
-    ],
-    "gauge_gain": [{"gauge_gain_error": 0.021}],
-    "gauge_offset": [{"gauge_offset": -0.4}],
-    "joint_sensor_eccentricity": [
-        {"cosine_1": 4e-5, "sine_1": 1e-5},
-        {"cosine_1": 4e-5, "sine_1": 1e-5, "cosine_2": -1e-5, "sine_2": 2e-6},
-    ],
-    "payload": [
-        {"gravity_cosine": 1.0, "gravity_sine": 11.0},
-        {"tool_mass": 2.0, "tool_moment_x": 0.1},
-        {"link_moment_y": 1.0, "link_inertia_zz": 0.3},
-    ],
-    "link_friction": [{"link_coulomb": 1.2}, {"link_viscous": 3.0}, {"link_coulomb": 1.2, "link_viscous": 3.0}],
-    "structural_resonance": [{"frequency": 18.0, "damping_ratio": 0.03, "inertia_share": 0.15}],
-}
-"""Values of a model file for every effect, every form of it."""
-
 
 def states_of(**fields: Any) -> DriveStates:
     """States that are zero but for the given fields; (n,) by the longest of them, numbers are repeated."""

@@ -10,8 +10,21 @@ from collections.abc import Iterator
 import pytest
 
 from hd_control.core.errors import ConfigError
-from hd_control.drive.effect import MOTOR, Columns, DriveStates, Effect, EffectParameter, Shape
+from hd_control.drive.effect import (
+    LINK,
+    MOTOR,
+    TORSION_FAMILY,
+    BaseNumber,
+    Columns,
+    DriveStates,
+    Effect,
+    EffectParameter,
+    NearReversals,
+    Shape,
+)
+from hd_control.drive.expression import Expression
 from hd_control.drive.library import effect_named, library, names_that_may_be_missing, problem_of
+from hd_control.drive.needs import VARIED_LOOPS
 
 
 class SealDrag(Effect):
@@ -29,6 +42,16 @@ class SealDrag(Effect):
     @classmethod
     def columns(cls, states: DriveStates, shape: Shape) -> Columns:
         return {MOTOR: states.motor_velocity[:, None]}
+
+
+class OwnSpring(SealDrag):
+    """A user's law of the torsion."""
+
+    name = "own_spring"
+    family = TORSION_FAMILY
+
+
+FORMULA = Expression("cable", {LINK: 1.0}, "pull * sin(joint_position)").effect()
 
 
 class Nameless(Effect):
@@ -64,6 +87,31 @@ def points(monkeypatch: pytest.MonkeyPatch, *values: str) -> None:
 def test_a_users_effect_is_a_candidate_by_existing(plug_in: object, monkeypatch: pytest.MonkeyPatch) -> None:
     points(monkeypatch, "users_effects:SealDrag")
     assert library()["seal_drag"] is SealDrag and "seal_drag" in names_that_may_be_missing()
+
+
+def test_the_defaults_serve_a_users_effect() -> None:
+    """Nothing but a name, words, parameters and columns is asked of a user's effect, also for the diagnosis."""
+    for effect in (SealDrag, FORMULA):
+        assert problem_of(effect) == ""
+        assert effect.needs() == () and effect.law_error == Effect.law_error > 0.0
+        assert effect.near_reversals is None and effect.shifts_command == "" and effect.base == ()
+    assert OwnSpring.needs() == (VARIED_LOOPS,), "a law of the torsion needs loops, whoever writes it"
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"law_error": -0.1}, "law_error"),
+        ({"law_error": "small"}, "law_error"),
+        ({"needs": ()}, "needs"),
+        ({"shifts_command": "dealy"}, "'dealy'"),
+        ({"near_reversals": NearReversals("travel", (1e-4,), "drag", (0.4, 2.5), 0.6)}, "'travel'"),
+        ({"base": (BaseNumber("mass", "rotor_inertia", MOTOR),)}, "every model"),
+    ],
+)
+def test_what_the_diagnosis_asks_is_checked(changes: dict[str, object], words: str) -> None:
+    """A wrong word is one clause when the effect is loaded, not a crash in the middle of a diagnosis."""
+    assert words in problem_of(type("Changed", (SealDrag,), changes))
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drive.drive_cases import EXAMPLES, moving
+from drive.drive_cases import moving
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -18,6 +18,7 @@ from hd_control.core.errors import ConfigError
 from hd_control.core.resources import config_path
 from hd_control.core.robot import Robot
 from hd_control.drive.expression import Expression, Table
+from hd_control.drive.library import library
 from hd_control.drive.model import JointModel, Model, ModelValue, model_from_urdf
 from hd_control.drive.model_file import load_model, model_sha256, model_text, number, parse_model, save_model
 from hd_sim.plant_config import PlantConfig
@@ -39,8 +40,8 @@ provenance: [{command: hd add, bags: [{path: a b, sha256: 00ff}]}]
 
 
 def test_every_form_of_every_effect_survives() -> None:
-    for name, many in EXAMPLES.items():
-        for values in many:
+    for name, effect in library().items():
+        for values in effect.examples:
             full = {
                 p: ModelValue(v, source="fitted", interval=(v - 1.0 / 3.0, v + 1e-17), low=-1e300, high=1e300)
                 for p, v in values.items()

@@ -12,7 +12,7 @@ from hd_control.drive.library import effect_named
 from hd_control.lab.diagnosis.candidates import Group
 from hd_control.lab.diagnosis.claims import HIGHER, LEAST, refuted, sure
 from hd_control.lab.diagnosis.corrections import CorrectedSearch, prepare
-from hd_control.lab.diagnosis.fit import LAW_ERROR, Interval, widened
+from hd_control.lab.diagnosis.fit import Interval, widened
 from hd_control.lab.diagnosis.scores import Scores
 from hd_control.lab.diagnosis.verdict import NamedEffect, Unknown
 from hd_control.lab.models.answers import joint_task
@@ -54,13 +54,14 @@ def test_strong_neighbours_and_the_unknown_count_on_the_same_channels_only() -> 
 
 def test_intervals_say_what_laws_leave() -> None:
     wave = {"cosine_2": Interval(3.0, 2.9, 3.1), "sine_2": Interval(4.0, 4.0, 4.0)}
-    found = widened("kinematic_error", wave)
-    error = 5.0 * LAW_ERROR["kinematic_error"]
+    gear, motor = effect_named("kinematic_error"), effect_named("motor_cogging")
+    found = widened(gear, wave)
+    error = 5.0 * gear.law_error
     assert found["cosine_2"].high == pytest.approx(3.0 + np.hypot(0.1, error))
     assert found["sine_2"].low == pytest.approx(4.0 - error)
-    cogging = widened("motor_cogging", {n: Interval(10.0, 10.0, 10.0) for n in ("cogging_order", "cogging_phase")})
+    cogging = widened(motor, {n: Interval(10.0, 10.0, 10.0) for n in ("cogging_order", "cogging_phase")})
     assert cogging["cogging_order"] == Interval(10.0, 10.0, 10.0)
-    assert cogging["cogging_phase"].high == pytest.approx(10.0 + LAW_ERROR[""])
+    assert cogging["cogging_phase"].high == pytest.approx(10.0 + motor.law_error)
 
 
 def test_scores_that_are_carried_along_are_those_of_the_rows() -> None:

@@ -42,10 +42,14 @@ class ActuationDelay(Effect):
         Confusion("rotor_inertia", "chirp of the motor torque to 40 Hz or more with the joint locked"),
         Confusion("structural_resonance", "chirp of the motor torque to 40 Hz or more with the joint locked"),
     )
+    shifts_command = "delay"
+    law_error = 0.1
+    """A delay is judged beside an undeclared one of the recording."""
     references = (
         Reference({"delay": 0.5e-3}, {"motor_torque": [0.0, 1.0, 1.0]}, {MOTOR: [[0.0], [0.5], [0.0]]}),
         Reference({"delay": 1e-3}, {"motor_torque": [0.0, 1.0, 1.0]}, {MOTOR: [[0.0], [1.0], [0.0]]}),
     )
+    examples = ({"delay": 1.3e-3},)
 
     @classmethod
     def shapes(cls, states: DriveStates) -> Sequence[Shape]:

@@ -43,6 +43,10 @@ class AsymmetricFriction(Effect):
         Confusion("gauge_offset", "more than 90 degrees of joint angle, two mounting orientations, or an unloaded run"),
     )
     references = (Reference({"viscous": True}, {"motor_velocity": -2.0}, {MOTOR: [[1.0, 2.0]]}),)
+    examples = (
+        {"friction_offset": -2.0},
+        {"friction_offset": -2.0, "viscous_asymmetry": 8.0},
+    )
 
     @classmethod
     def shapes(cls, states: DriveStates) -> Sequence[Shape]:

@@ -25,6 +25,7 @@ from hd_control.drive.effect import (
     Reference,
     Shape,
 )
+from hd_control.drive.needs import BOTH_SIGNS, Need
 
 CROSSING = 2.5
 """Crossing torques beyond which the gear has left the gap."""
@@ -59,6 +60,11 @@ class Backlash(Effect):
     references = (
         Reference({"crossing_torque": 0.1}, {"joint_torque": [-3.0, 0.1]}, {TRANSMISSION: [[1.0], [-math.tanh(1.0)]]}),
     )
+    examples = ({"half_gap": 4e-5, "crossing_torque": 1.5},)
+
+    @classmethod
+    def needs(cls) -> tuple[Need, ...]:
+        return (*super().needs(), BOTH_SIGNS)
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

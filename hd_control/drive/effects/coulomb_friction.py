@@ -10,7 +10,9 @@ from __future__ import annotations
 from typing import final
 
 from hd_control.drive.effect import (
+    COULOMB,
     MOTOR,
+    BaseNumber,
     Columns,
     DriveStates,
     Effect,
@@ -29,7 +31,9 @@ class CoulombFriction(Effect):
     evidence = "changes its sign with the direction and nothing else"
     parameters = (EffectParameter("coulomb_torque", "N m", "Coulomb friction, output side", low=0.0),)
     in_every_model = True
+    base = (BaseNumber("coulomb_torque", COULOMB, MOTOR),)
     references = (Reference({}, {"motor_direction": -1.0}, {MOTOR: [[-1.0]]}),)
+    examples = ({"coulomb_torque": 24.0},)
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

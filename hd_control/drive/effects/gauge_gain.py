@@ -46,6 +46,7 @@ class GaugeGain(Effect):
         Confusion("payload", "use the rotor balance as well, or record with another known mass"),
     )
     references = (Reference({}, {"gauge_torque": 7.0}, {MOTOR: [[-7.0]], LINK: [[7.0]]}),)
+    examples = ({"gauge_gain_error": 0.021},)
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

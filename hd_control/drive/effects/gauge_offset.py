@@ -39,6 +39,7 @@ class GaugeOffset(Effect):
         Confusion("payload", "more than 90 degrees of joint angle: gravity follows the angle, an offset does not"),
     )
     references = (Reference({}, {}, {MOTOR: [[-1.0]], LINK: [[1.0]]}),)
+    examples = ({"gauge_offset": -0.4},)
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

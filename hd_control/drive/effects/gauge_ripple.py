@@ -31,6 +31,7 @@ from hd_control.drive.effect import (
     Reference,
     Shape,
 )
+from hd_control.drive.needs import WHOLE_TURN, Need
 from hd_control.drive.shapes import harmonic_names, harmonics
 
 ORDERS = (2, 4)
@@ -89,6 +90,14 @@ class GaugeRipple(Effect):
             },
         ),
     )
+    examples = (
+        {"cosine_2": 0.5, "sine_2": 0.2, "joint_turn": 0.0},
+        {"cosine_2": 0.5, "sine_2": 0.2, "cosine_4": -0.1, "sine_4": 0.3, "joint_turn": -1.0},
+    )
+
+    @classmethod
+    def needs(cls) -> tuple[Need, ...]:
+        return (WHOLE_TURN,)
 
     @classmethod
     def shapes(cls, states: DriveStates) -> Sequence[Shape]:

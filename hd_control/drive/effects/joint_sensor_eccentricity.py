@@ -25,9 +25,21 @@ from hd_control.drive.effect import (
     Reference,
     Shape,
 )
+from hd_control.drive.needs import Need
 from hd_control.drive.shapes import harmonic_names, harmonics
 
 ORDERS = (1, 2)
+
+
+JOINT_RANGE = np.pi / 4
+"""rad of joint angle over which an eccentricity can be separated from stiffness."""
+WIDE = Need(
+    lambda c: (
+        f"the joint moves over {np.degrees(c.joint_range):.0f} degrees only" if c.joint_range < JOINT_RANGE else ""
+    ),
+    "eccentricity against stiffness",
+    "a slow move over more than 90 degrees of the joint",
+)
 
 
 @final
@@ -53,6 +65,14 @@ class JointSensorEccentricity(Effect):
             {TRANSMISSION: [[math.sqrt(0.75), 0.5, 0.5, math.sqrt(0.75)]]},
         ),
     )
+    examples = (
+        {"cosine_1": 4e-5, "sine_1": 1e-5},
+        {"cosine_1": 4e-5, "sine_1": 1e-5, "cosine_2": -1e-5, "sine_2": 2e-6},
+    )
+
+    @classmethod
+    def needs(cls) -> tuple[Need, ...]:
+        return (WIDE,)
 
     @classmethod
     def shapes(cls, states: DriveStates) -> Sequence[Shape]:

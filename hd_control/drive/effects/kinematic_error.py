@@ -28,6 +28,7 @@ from hd_control.drive.effect import (
     Reference,
     Shape,
 )
+from hd_control.drive.needs import WHOLE_TURN, Need
 from hd_control.drive.shapes import harmonic_names, harmonic_slopes, harmonics
 
 ORDERS = (1, 2, 3, 4)
@@ -49,6 +50,7 @@ class KinematicError(Effect):
         Confusion("motor_cogging", "several loads: kinematic torque grows with the joint torque, cogging does not"),
         Confusion("gauge_ripple", "slow run with the link channel, or unpowered back-driving: gauge ripple stays"),
     )
+    law_error = 0.007
     references = (
         Reference(  # 2 theta = 45 degrees
             {"orders": (2,)},
@@ -57,6 +59,14 @@ class KinematicError(Effect):
             1e-9,
         ),
     )
+    examples = (
+        {"cosine_2": 1e-5, "sine_2": -2e-5},
+        {"cosine_1": 1e-6, "sine_1": 0.0, "cosine_2": 1e-5, "sine_2": -2e-5, "cosine_4": 0.0, "sine_4": 3e-6},
+    )
+
+    @classmethod
+    def needs(cls) -> tuple[Need, ...]:
+        return (WHOLE_TURN,)
 
     @classmethod
     def shapes(cls, states: DriveStates) -> Sequence[Shape]:

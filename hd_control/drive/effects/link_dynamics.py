@@ -14,7 +14,18 @@ from typing import final
 import numpy as np
 
 from hd_control.core.arrays import FloatArray
-from hd_control.drive.effect import LINK, Columns, Context, DriveStates, Effect, EffectParameter, Reference, Shape
+from hd_control.drive.effect import (
+    LINK,
+    LINK_INERTIA,
+    BaseNumber,
+    Columns,
+    Context,
+    DriveStates,
+    Effect,
+    EffectParameter,
+    Reference,
+    Shape,
+)
 
 
 @final
@@ -35,7 +46,12 @@ class LinkDynamics(Effect):
         ),
     )
     in_every_model = True
+    base = (BaseNumber("inertia_scale", LINK_INERTIA, LINK, factor=True, sure_as="inertia"),)
     references = (Reference({}, {"link_inertia_torque": 4.0, "link_bias_torque": -5.0}, {LINK: [[4.0, -5.0]]}),)
+    examples = (
+        {"inertia_scale": 1.1},
+        {"inertia_scale": 1.0, "inertia": 40.0, "gravity_cosine": 3.0, "gravity_sine": -120.0},
+    )
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

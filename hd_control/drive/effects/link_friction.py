@@ -45,7 +45,13 @@ class LinkFriction(Effect):
         Confusion("gauge_gain", "constant speeds in both directions: friction stays, a gain error follows the load"),
         Confusion("torsional_hysteresis", "output locked, slow torque ramps: hysteresis stays, link friction goes"),
     )
+    law_error = 0.02
     references = (Reference({"terms": TERMS}, {"joint_velocity": -1.0}, {LINK: [[-1.0, -1.0]]}),)
+    examples = (
+        {"link_coulomb": 1.2},
+        {"link_viscous": 3.0},
+        {"link_coulomb": 1.2, "link_viscous": 3.0},
+    )
 
     @classmethod
     def shapes(cls, states: DriveStates) -> Sequence[Shape]:

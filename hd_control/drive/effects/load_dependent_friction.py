@@ -45,6 +45,10 @@ class LoadDependentFriction(Effect):
         Reference({"order": 2}, {"motor_direction": -1.0, "joint_torque": -4.0}, {MOTOR: [[-4.0, -16.0]]}),
         Reference({"order": 1}, {"motor_direction": 1.0, "joint_torque": -4.0}, {MOTOR: [[4.0]]}),
     )
+    examples = (
+        {"load_friction_linear": 3e-3},
+        {"load_friction_linear": 3e-3, "load_friction_quadratic": 4e-6},
+    )
 
     @classmethod
     def shapes(cls, states: DriveStates) -> Sequence[Shape]:

@@ -26,6 +26,7 @@ from hd_control.drive.effect import (
     Reference,
     Shape,
 )
+from hd_control.drive.needs import WHOLE_TURN, Need
 from hd_control.drive.shapes import harmonics
 
 ORDERS = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 14, 15, 16, 18, 20, 21, 24, 28, 30, 36)
@@ -49,6 +50,11 @@ class MotorCogging(Effect):
         Confusion("kinematic_error", "several loads: kinematic torque grows with the joint torque, cogging does not"),
     )
     references = (Reference({"cogging_order": 6}, {"motor_position": math.pi / 12.0}, {MOTOR: [[0.0, -1.0]]}),)
+    examples = ({"cogging_order": 6.0, "cogging_amplitude": 2.0, "cogging_phase": 0.7},)
+
+    @classmethod
+    def needs(cls) -> tuple[Need, ...]:
+        return (WHOLE_TURN,)
 
     @classmethod
     def shapes(cls, states: DriveStates) -> Sequence[Shape]:

@@ -31,6 +31,7 @@ from hd_control.drive.effect import (
     Reference,
     Shape,
 )
+from hd_control.drive.needs import BOTH_SIGNS, LOADED, Need
 
 HARDENING, WINDUP = "hardening", "windup"
 TABLE, FULL = 2000, 12.0
@@ -99,6 +100,14 @@ class NonlinearStiffness(Effect):
             1e-6,
         ),
     )
+    examples = (
+        {"stiffness_cubic": 4e11},
+        {"windup_depth": 5e-5, "windup_width": 2e-4, "windup_steepening": 0.4},
+    )
+
+    @classmethod
+    def needs(cls) -> tuple[Need, ...]:
+        return (LOADED, *super().needs(), BOTH_SIGNS)
 
     @classmethod
     def shapes(cls, states: DriveStates) -> Sequence[Shape]:

@@ -72,6 +72,11 @@ class Payload(Effect):
             {LINK: [[1.0, 10.0]]},
         ),
     )
+    examples = (
+        {"gravity_cosine": 1.0, "gravity_sine": 11.0},
+        {"tool_mass": 2.0, "tool_moment_x": 0.1},
+        {"link_moment_y": 1.0, "link_inertia_zz": 0.3},
+    )
 
     @classmethod
     def shapes(cls, states: DriveStates) -> Sequence[Shape]:

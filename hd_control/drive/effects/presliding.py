@@ -15,8 +15,21 @@ from typing import final
 import numpy as np
 
 from hd_control.core.arrays import FloatArray, IntArray
-from hd_control.drive.effect import MOTOR, Columns, Confusion, DriveStates, Effect, EffectParameter, Reference, Shape
+from hd_control.drive.effect import (
+    MOTOR,
+    Columns,
+    Confusion,
+    DriveStates,
+    Effect,
+    EffectParameter,
+    NearReversals,
+    Reference,
+    Shape,
+)
 from hd_control.drive.shapes import approach, approach_step
+
+GRID = tuple(np.geomspace(2e-5, 3e-3, 26).tolist())
+"""rad: distances that a diagnosis tries."""
 
 
 @final
@@ -31,6 +44,9 @@ class Presliding(Effect):
         EffectParameter("presliding_torque", "N m", "friction that builds up"),
     )
     confusions = (Confusion("stribeck_friction", "reversals of 0.1 to 3 mrad amplitude at less than 10 mrad/s"),)
+    near_reversals = NearReversals("presliding_distance", GRID, "presliding_torque", over_coulomb=(0.4, 2.5), share=0.6)
+    law_error = 0.4
+    """The bristles of the worlds are damped, this law is not."""
     references = (
         Reference(  # one relaxation length of travel
             {"presliding_distance": 1e-3},
@@ -38,6 +54,7 @@ class Presliding(Effect):
             {MOTOR: [[-1.0], [-math.exp(-1.0)]]},
         ),
     )
+    examples = ({"presliding_distance": 2e-4, "presliding_torque": 24.0},)
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:
@@ -49,7 +66,7 @@ class Presliding(Effect):
 
     @classmethod
     def shape_bounds(cls, shape: Shape, states: DriveStates) -> dict[str, tuple[float, float]]:
-        return {"presliding_distance": (2e-5, 3e-3)}
+        return {"presliding_distance": (GRID[0], GRID[-1])}
 
     @classmethod
     def columns(cls, states: DriveStates, shape: Shape) -> Columns:

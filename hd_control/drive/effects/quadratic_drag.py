@@ -35,6 +35,7 @@ class QuadraticDrag(Effect):
         Confusion("stribeck_friction", "constant-speed plateaus in both directions, log-spaced over 2.5 decades"),
     )
     references = (Reference({}, {"motor_velocity": -2.0}, {MOTOR: [[-4.0]]}),)
+    examples = ({"quadratic_drag": 5.5},)
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

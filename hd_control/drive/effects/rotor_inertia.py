@@ -11,6 +11,8 @@ from typing import final
 
 from hd_control.drive.effect import (
     MOTOR,
+    ROTOR_INERTIA,
+    BaseNumber,
     Columns,
     DriveStates,
     Effect,
@@ -29,7 +31,9 @@ class RotorInertia(Effect):
     evidence = "grows with the motor acceleration"
     parameters = (EffectParameter("rotor_inertia", "kg m^2", "rotor inertia, output side", low=0.0),)
     in_every_model = True
+    base = (BaseNumber("rotor_inertia", ROTOR_INERTIA, MOTOR),)
     references = (Reference({}, {"motor_acceleration": -3.0}, {MOTOR: [[-3.0]]}),)
+    examples = ({"rotor_inertia": 28.0},)
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

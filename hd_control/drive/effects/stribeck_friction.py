@@ -49,6 +49,7 @@ class StribeckFriction(Effect):
             {MOTOR: [[-math.exp(-1.0)]]},
         ),
     )
+    examples = ({"stribeck_ratio": 1.4, "stribeck_velocity": 0.05},)
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

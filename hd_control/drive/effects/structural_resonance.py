@@ -49,11 +49,13 @@ class StructuralResonance(Effect):
         Confusion("payload", "chirp with at least 5 s between 8 and 40 Hz: inertia adds no peak"),
         Confusion("link_friction", "constant speeds: friction stays, a resonance is silent"),
     )
+    law_error = 0.015
     references = (
         Reference(  # a constant load moves nothing
             {"frequency": 20.0, "damping_ratio": 0.05}, {"joint_torque": [5.0, 5.0, 5.0]}, {LINK: [[0.0]] * 3}, 1e-9
         ),
     )
+    examples = ({"frequency": 18.0, "damping_ratio": 0.03, "inertia_share": 0.15},)
 
     @classmethod
     def shapes(cls, states: DriveStates) -> Sequence[Shape]:

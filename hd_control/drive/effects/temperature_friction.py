@@ -25,6 +25,19 @@ from hd_control.drive.effect import (
     Reference,
     Shape,
 )
+from hd_control.drive.needs import Need
+
+TEMPERATURE_SPAN = 6.0
+"""K over which the temperature must move before it can be separated from time."""
+WARMING = Need(
+    lambda c: (
+        f"temperature moves by {c.temperature_span:.1f} K only ({TEMPERATURE_SPAN:g} needed)"
+        if c.temperature_span < TEMPERATURE_SPAN
+        else ""
+    ),
+    "temperature against drift in time",
+    "warm-up and cool-down by 8 K or more in one bag",
+)
 
 
 @final
@@ -50,6 +63,14 @@ class TemperatureFriction(Effect):
             {MOTOR: [[5.0, 10.0]]},
         ),
     )
+    examples = (
+        {"viscous_slope": -1.5, "reference_temperature": 30.0},
+        {"viscous_slope": -1.5, "coulomb_slope": 0.1, "reference_temperature": 30.0},
+    )
+
+    @classmethod
+    def needs(cls) -> tuple[Need, ...]:
+        return (WARMING,)
 
     @classmethod
     def shapes(cls, states: DriveStates) -> Sequence[Shape]:

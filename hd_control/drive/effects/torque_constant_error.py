@@ -37,6 +37,7 @@ class TorqueConstantError(Effect):
         Confusion("load_dependent_friction", "both signs of speed at both signs of torque, driving and back-driving"),
     )
     references = (Reference({}, {"motor_torque": 7.0}, {MOTOR: [[-7.0]]}),)
+    examples = ({"torque_constant_error": -0.02},)
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

@@ -30,6 +30,7 @@ from hd_control.drive.effect import (
     Reference,
     Shape,
 )
+from hd_control.drive.needs import LOADED, Need
 from hd_control.drive.shapes import approach, approach_step
 
 NOISE_SHARE = 5e-4
@@ -66,6 +67,7 @@ class TorsionalHysteresis(Effect):
         ),
         Confusion("link_friction", "output locked, slow torque ramps: hysteresis stays, link friction goes"),
     )
+    law_error = 0.14
     references = (
         Reference(  # one relaxation length up, one back
             {"torque_rate": 0.2, "stiffening": 0.0},
@@ -78,6 +80,11 @@ class TorsionalHysteresis(Effect):
             {TRANSMISSION: [[0.0], [0.5]]},
         ),
     )
+    examples = ({"hysteresis_stiffness": 34800.0, "hysteresis_rate": 4000.0},)
+
+    @classmethod
+    def needs(cls) -> tuple[Need, ...]:
+        return (LOADED, *super().needs())
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

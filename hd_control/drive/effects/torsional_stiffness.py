@@ -14,7 +14,11 @@ import numpy as np
 
 from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import (
+    DAMPING_TIME,
+    STIFFNESS,
     TRANSMISSION,
+    ZERO,
+    BaseNumber,
     Columns,
     Context,
     DriveStates,
@@ -35,10 +39,18 @@ class TorsionalStiffness(Effect):
     parameters = (
         EffectParameter("torsional_stiffness", "N m/rad", "linear stiffness", low=0.0),
         EffectParameter("damping_time", "s", "damping / stiffness", low=0.0, default=0.0),
-        EffectParameter("transmission_zero", "rad", "joint angle - motor angle without torque", default=0.0),
+        EffectParameter(
+            "transmission_zero", "rad", "joint angle - motor angle without torque", default=0.0, by_assembly=True
+        ),
     )
     in_every_model = True
+    base = (
+        BaseNumber("torsional_stiffness", STIFFNESS, TRANSMISSION),
+        BaseNumber("damping_time", DAMPING_TIME, TRANSMISSION),
+        BaseNumber("transmission_zero", ZERO, TRANSMISSION),
+    )
     references = (Reference({}, {"joint_torque": 10.0, "joint_torque_rate": 2.0}, {TRANSMISSION: [[-10.0, 2.0, 1.0]]}),)
+    examples = ({"torsional_stiffness": 2.9e5, "damping_time": 1e-3, "transmission_zero": 2e-4},)
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

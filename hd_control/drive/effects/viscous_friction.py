@@ -11,6 +11,8 @@ from typing import final
 
 from hd_control.drive.effect import (
     MOTOR,
+    VISCOUS,
+    BaseNumber,
     Columns,
     DriveStates,
     Effect,
@@ -29,7 +31,9 @@ class ViscousFriction(Effect):
     evidence = "grows in proportion to the motor speed"
     parameters = (EffectParameter("viscous", "N m s", "viscous friction, output side", low=0.0),)
     in_every_model = True
+    base = (BaseNumber("viscous", VISCOUS, MOTOR),)
     references = (Reference({}, {"motor_velocity": 0.5}, {MOTOR: [[0.5]]}),)
+    examples = ({"viscous": 300.0},)
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hd_control.core.arrays import BoolArray, FloatArray
-from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, DriveStates
+from hd_control.drive.effect import COULOMB, LINK, MOTOR, TRANSMISSION, VISCOUS, DriveStates
 from hd_control.lab.balances.channels import Base, Channel, JointEquations, Known, LinkFunction, LinkTerms
 from hd_control.lab.balances.noise import with_history
 from hd_control.lab.balances.states import Derived, derive, drive_states, noise_density, noisy_rows
@@ -131,8 +131,8 @@ class _Builder:
             left = -self.known.rotor_inertia * acceleration
             drive = held - sp.filter(self.states.gauge_torque, band)
         friction = [
-            Base("coulomb_friction", sp.filter(self.states.motor_direction, band)),
-            Base("viscous_friction", sp.filter(self.states.motor_velocity, band)),
+            Base(COULOMB, sp.filter(self.states.motor_direction, band)),
+            Base(VISCOUS, sp.filter(self.states.motor_velocity, band)),
             Base("command_delay", sp.filter(filled["motor_torque"], band, 1, sp.hold()), COMMAND_DELAY_PRIOR),
         ]
         if "gauge_torque" in filled:

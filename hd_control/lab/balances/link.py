@@ -14,8 +14,7 @@ import numpy as np
 from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import BagError, ConfigError
 from hd_control.core.robot import Robot
-from hd_control.drive.effects.payload import NAMES
-from hd_control.drive.link import OwnLink, arm_terms, link_terms, own_link
+from hd_control.drive.link import OwnLink, added_bodies, arm_terms, link_terms, own_link, single_inertia
 from hd_control.drive.model import Model
 from hd_control.lab.balances.channels import LinkFunction, LinkTerms
 from hd_control.lab.balances.states import JOINT_TAPER
@@ -38,8 +37,8 @@ class LinkSide:
     def why_not(self, joint: str) -> str:
         """Why there are no link terms, one sentence; empty if there are."""
         if self.robot is None:
-            inertia = self.model.joint(joint).number("link_dynamics", "inertia")
-            return "" if inertia > 0.0 else f"{joint}: the model knows neither robot description nor link inertia"
+            known = single_inertia(self.model.joint(joint)) > 0.0
+            return "" if known else f"{joint}: the model knows neither robot description nor link inertia"
         if joint not in self.robot.joint_names:
             return f"{joint}: the robot description has no such joint"
         missing = [name for name in self.robot.joint_names if _position(self.joints.get(name), 1.0) is None]
@@ -77,12 +76,10 @@ class LinkSide:
     def _joined(self, joint: str, moving: LinkTerms, still: LinkTerms) -> LinkTerms:
         """Nominal terms with the inertia of a payload that the model knows; regressors without accelerations."""
         inertia, bias, _, _ = moving
-        known = self.model.joint(joint).numbers("payload")
-        for i, body in ((2, "link"), (3, "tool")):
+        for i, added in zip((2, 3), added_bodies(self.model.joint(joint)), strict=True):
             full, rest = moving[i], still[i]
             if full is not None and rest is not None:
-                values = np.array([known.get(f"{body}_{name}", 0.0) for name in NAMES])
-                inertia = inertia + (full - rest) @ values
+                inertia = inertia + (full - rest) @ added
         return inertia, bias, still[2], still[3]
 
     def _rows(self, joint: str, band: Band, spectral: Spectral) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -132,9 +129,8 @@ def link_torque(model: Model, joints: Mapping[str, JointSignals], joint: str) ->
     function = side.function(joint)
     assert function is not None  # why_not is empty
     inertia, bias, own, tool = function(band, spectral)
-    known = model.joint(joint).numbers("payload")
     torque = inertia + bias
-    for rows, body in ((own, "link"), (tool, "tool")):
+    for rows, added in zip((own, tool), added_bodies(model.joint(joint)), strict=True):
         if rows is not None:
-            torque = torque + rows @ np.array([known.get(f"{body}_{name}", 0.0) for name in NAMES])
+            torque = torque + rows @ added
     return torque, spectral.filter(fill_gaps(signals.joint_position), band, 1)

@@ -1,6 +1,6 @@
 """From a task to the selection of effects and curves that the data support: search, then correct what it assumed.
 
-After a first search five assumptions are checked, and what fails is mended before the search goes on: the noise was
+After a first search five assumptions are checked, and what fails is corrected before the search goes on: the noise was
 estimated well, the laws hold on all rows, shapes are on a grid, stiffness and scales a, b are those of the first guess,
 and two effects on one channel each are not one effect on both.
 """
@@ -23,8 +23,7 @@ from hd_control.lab.diagnosis.fit import Fit, index_of
 from hd_control.lab.diagnosis.scores import Scores
 from hd_control.lab.diagnosis.search import Search, Selection, Thresholds
 
-# ----------------------------------------------------------------------------------------------------
-# Two effects that cancel each other on one channel are no two effects: what is left of them is one on another channel.
+# ---- Two effects that cancel each other on one channel are one effect on another channel -----------
 #
 # An offset of the gauge stands in the rotor and the link balance; with a friction offset that cancels it on the rotor
 # it is a constant torque on the link, which neither name explains.
@@ -78,11 +77,10 @@ def _rms(x: FloatArray) -> float:
     return float(np.sqrt(np.mean(x**2))) if x.size else 0.0
 
 
-# ----------------------------------------------------------------------------------------------------
-# Continuous refinement of the shapes of selected effects: variable projection, one effect at a time.
+# ---- Shapes off the grid: variable projection, one effect at a time --------------------------------
 #
-# The linear coefficients of everything selected are eliminated exactly; only the shape moves. Grid-only estimates leave
-# false companions: a coarse shape is completed by an innocent companion.
+# The linear coefficients of everything selected are eliminated exactly; only the shape moves. Shapes of the grid
+# alone leave false companions: an effect that is not there fills what a coarse shape leaves.
 
 
 MAX_EVALUATIONS = 40
@@ -182,8 +180,7 @@ def _minimise(group: Group, projected: _Projected, bounds: Mapping[str, tuple[fl
     return shape_of(np.clip(result.x, low, high)) if result.fun < before - 0.1 else None
 
 
-# ----------------------------------------------------------------------------------------------------
-# Two effects on one channel each, or one effect on both?
+# ---- Two effects on one channel each, or one effect on both? ---------------------------------------
 #
 # A gain error of the gauge looks like a payload on the link and like a wrong torque constant on the rotor, until the
 # scales a and b of the balances are those of the gain error.
@@ -285,12 +282,10 @@ class _Grams:
         return total
 
 
-# ----------------------------------------------------------------------------------------------------
+# ---- The search with its corrections ---------------------------------------------------------------
 
 
 ROUNDS = 2
-SECOND_STAGE = ("presliding",)
-"""Effects that live in the rows that the first search leaves out."""
 SCALE_TOLERANCE = 2e-3
 LOUDER = 1.05
 HIDDEN = 10.0
@@ -318,7 +313,8 @@ def prepare(task: Task) -> Dictionary:
     equations = task.equations
     channels = set(equations.channels)
     names = {effect.name for effect, _ in task.known}
-    effects = [e for n, e in task.library.items() if not e.in_every_model and n not in names and n not in SECOND_STAGE]
+    missing = [e for n, e in task.library.items() if not e.in_every_model and n not in names]
+    effects = [e for e in missing if e.near_reversals is None]
     laws = library_candidates(effects, equations.states, channels)
     nets = curve_candidates(curves(equations.states, channels), equations.states, channels)
     return build(equations, chain(laws, nets), known_candidates(task))
@@ -359,7 +355,7 @@ def search_effects(task: Task, dictionary: Dictionary | None = None) -> tuple[Se
 
 
 class CorrectedSearch:
-    """The dictionary as it is mended, with its scores and search."""
+    """The dictionary as it is corrected, with its scores and search."""
 
     search: Search
 

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hd_control.core.arrays import FloatArray
-from hd_control.drive.effect import LINK, MOTOR, TORSION_FAMILY, TRANSMISSION, Effect
+from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, Effect
+from hd_control.drive.needs import RAMPS, SPEED_VARIETY, TORSION, Covered
 from hd_control.lab.balances.channels import JointEquations
 from hd_control.lab.balances.equations import ACCELERATION_SNR
 from hd_control.lab.balances.states import reversals
@@ -19,18 +20,10 @@ from hd_control.lab.balances.states import reversals
 SPEED_DECADES = 1.3
 REVERSALS = 5
 DURATION_S = 12.0
-LOAD_SHARE = 0.1
-"""Span of the joint torque over the rated torque that claims of the torsion's shape need."""
-LOADED = ("nonlinear_stiffness", "torsional_hysteresis")
-SAME_LOOP = 0.62
-"""Autocorrelation of the speed from which on the torque runs through the same few loops (general motion: 0.57)."""
 COMPLIANCE_ERROR = 0.02
 """Half-width of the interval of the compliance, relative, beyond which nothing can be said of the transmission."""
-TEMPERATURE_SPAN = 6.0
 SATURATED = 0.03
-REPETITION, SPEED_VARIETY = 0.9, 6.0
-JOINT_RANGE = np.pi / 2
-"""rad of joint angle for eccentricity and for gravity against offset."""
+REPETITION = 0.9
 
 
 @dataclass(frozen=True)
@@ -63,6 +56,19 @@ class Coverage:
     def speed_decades(self) -> float:
         """Decades between the 5 % and the 99 % quantile of the sliding speed."""
         return float(np.log10(self.fast_speed / self.slow_speed)) if self.slow_speed > 0.0 else 0.0
+
+    def covered(self, rated_torque: float | None) -> Covered:
+        """What effects ask of a recording; `rated_torque` N m of the gear, None where it is not known."""
+        return Covered(
+            torque_low=self.torque_low,
+            torque_high=self.torque_high,
+            rated_torque=rated_torque,
+            joint_range=self.joint_range,
+            motor_turns=self.motor_turns,
+            temperature_span=self.temperature_span,
+            repetition=self.repetition,
+            speed_variety=self.speed_variety,
+        )
 
 
 def coverage(equations: JointEquations) -> Coverage:
@@ -131,7 +137,6 @@ class Shortfall:
 
 
 _SPEEDS = "constant speeds or a triangular velocity in both directions, log-spaced from 0.03 to 1 rad/s, at least 25 s"
-_RAMPS = "slow torque ramps through zero to +-50 % of the rated torque, under gravity or against a locked output"
 _CHIRP = "a sum of sines from 0.1 to 2.5 Hz (22 s) and a chirp from 0.3 to 20 Hz (13 s), both within the robot's limits"
 
 
@@ -167,36 +172,15 @@ def shortfalls(found: Coverage) -> list[Shortfall]:
             missing.append(Shortfall(what, (name,), "inertia against friction and delays", _CHIRP))
     if TRANSMISSION in found.acceleration_snr and found.compliance_error > COMPLIANCE_ERROR:
         what = f"stiffness within {100 * found.compliance_error:.0f} % only"
-        missing.append(Shortfall(what, (TRANSMISSION,), "stiffness, lost motion and hysteresis", _RAMPS))
+        missing.append(Shortfall(what, (TRANSMISSION,), TORSION, RAMPS))
     return missing
 
 
 def unsupported(effect: type[Effect], found: Coverage, rated_torque: float | None) -> Shortfall | None:
-    """Why this recording cannot carry a claim of that effect; None if it can."""
-    name, span = effect.name, found.torque_high - found.torque_low
-    if name in LOADED and rated_torque is not None and span < LOAD_SHARE * rated_torque:
-        what = f"joint torque from {found.torque_low:.3g} to {found.torque_high:.3g} N m only"
-        return Shortfall(what, (), "stiffness, lost motion and hysteresis", _RAMPS)
-    if effect.family == TORSION_FAMILY and found.repetition > SAME_LOOP and found.speed_variety < SPEED_VARIETY:
-        what = "the torque runs through the same few loops again and again"
-        return Shortfall(what, (), "stiffness, lost motion and hysteresis", _RAMPS)
-    if name == "temperature_friction" and found.temperature_span < TEMPERATURE_SPAN:
-        what = f"temperature moves by {found.temperature_span:.1f} K only ({TEMPERATURE_SPAN:g} needed)"
-        return Shortfall(
-            what, (), "temperature against drift in time", "warm-up and cool-down by 8 K or more in one bag"
-        )
-    orders = ("kinematic_error", "motor_cogging", "gauge_ripple")
-    if name in orders and found.motor_turns < 1.0:
-        what = f"the motor turns {found.motor_turns:.2f} times only"
-        return Shortfall(
-            what, (), "effects of the motor angle", "a slow move over 20 or more motor turns, both directions"
-        )
-    if name == "joint_sensor_eccentricity" and found.joint_range < 0.5 * JOINT_RANGE:
-        what = f"the joint moves over {np.degrees(found.joint_range):.0f} degrees only"
-        return Shortfall(
-            what, (), "eccentricity against stiffness", "a slow move over more than 90 degrees of the joint"
-        )
-    if name in ("nonlinear_stiffness", "backlash") and not found.torque_low < 0.0 < found.torque_high:
-        how = "slow torque ramps through zero to +-50 % of the rated torque, three amplitudes"
-        return Shortfall("the joint torque does not change its sign", (), "stiffness shape against hysteresis", how)
-    return None
+    """Why this recording cannot carry a claim of that effect: the first of its needs that is not met; None if all are.
+
+    `rated_torque` N m of the gear, None where it is not known.
+    """
+    covered = found.covered(rated_torque)
+    unmet = ((need.unmet(covered), need) for need in effect.needs())
+    return next((Shortfall(what, (), need.purpose, need.how) for what, need in unmet if what), None)

@@ -16,7 +16,7 @@ from hd_control.lab.diagnosis.corrections import Task, search_effects
 from hd_control.lab.diagnosis.coverage import Coverage, Shortfall, coverage, shortfalls, unsupported
 from hd_control.lab.diagnosis.dictionary import Dictionary
 from hd_control.lab.diagnosis.fit import Bootstrap, Fit, RawRows
-from hd_control.lab.diagnosis.presliding import presliding
+from hd_control.lab.diagnosis.near_reversals import near_reversals
 from hd_control.lab.diagnosis.scores import Scores
 from hd_control.lab.diagnosis.search import Search, Selection
 from hd_control.lab.diagnosis.verdict import (
@@ -215,13 +215,15 @@ def _named(
 
 
 def _near_reversals(task: Task, fit: Fit, blocked: set[str]) -> tuple[NamedEffect, ...]:
-    """Presliding, which only the rows near reversals show."""
-    effect = task.library.get("presliding")
-    found = None if effect is None or MOTOR in blocked or effect in [e for e, _ in task.known] else presliding(fit)
-    if effect is None or found is None:
-        return ()
-    return (
-        NamedEffect(
+    """Effects that only the rows near reversals show."""
+    held = [effect for effect, _ in task.known]
+    tested = [] if MOTOR in blocked else [e for e in task.library.values() if e.near_reversals and e not in held]
+    named = []
+    for effect in tested:
+        found = near_reversals(fit, effect)
+        if found is None:
+            continue
+        claim = NamedEffect(
             name=effect.name,
             title=effect.title,
             confidence=1.0,
@@ -233,8 +235,9 @@ def _near_reversals(task: Task, fit: Fit, blocked: set[str]) -> tuple[NamedEffec
             parameters=found.parameters,
             units={parameter.name: parameter.unit for parameter in effect.parameters},
             evidence=f"motor torque: the residual {effect.evidence}",
-        ),
-    )
+        )
+        named.append(claim)
+    return tuple(named)
 
 
 def _separating(task: Task, effect: NamedEffect) -> list[Experiment]:

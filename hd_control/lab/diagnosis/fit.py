@@ -1,4 +1,4 @@
-"""A selection of groups fitted to one joint: coefficients, errors in the channel's own unit, values of the base.
+"""A selection of groups fitted to one joint: coefficients, errors in the channel's own unit, values with intervals.
 
 Physical values: what multiplies a motor column is theta = coefficient / a, a link column coefficient / b; the
 dictionary is kept in units in which a and b are 1.
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hd_control.core.arrays import FloatArray, IntArray
-from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, Context
+from hd_control.drive.effect import COULOMB, LINK, MOTOR, TRANSMISSION, VISCOUS, Context, Effect
 from hd_control.lab.diagnosis.candidates import Group
 from hd_control.lab.diagnosis.dictionary import Dictionary, base_of
 from hd_control.lab.diagnosis.scores import Scores
@@ -78,12 +78,12 @@ class Fit:
     @property
     def coulomb_torque(self) -> float:
         """N m; NaN without a rotor balance."""
-        return _or_nan(self.base(MOTOR, "coulomb_friction"))
+        return _or_nan(self.base(MOTOR, COULOMB))
 
     @property
     def viscous(self) -> float:
         """N m s; NaN without a rotor balance."""
-        return _or_nan(self.base(MOTOR, "viscous_friction"))
+        return _or_nan(self.base(MOTOR, VISCOUS))
 
     @property
     def transmission_zero(self) -> float:
@@ -113,7 +113,7 @@ class Fit:
         """Stiffness and Coulomb torque for the change to physical parameters; `default` where a channel is missing."""
         compliance = self.base(TRANSMISSION, "torsional_compliance")
         stiffness = 1.0 / compliance if compliance and compliance > 0.0 else default.torsional_stiffness
-        coulomb = self.base(MOTOR, "coulomb_friction")
+        coulomb = self.base(MOTOR, COULOMB)
         return Context(
             stiffness, default.coulomb_torque if coulomb is None else coulomb, self.states_scale, default.extra
         )
@@ -198,8 +198,7 @@ def _columns(group: Group, states: object) -> Mapping[str, FloatArray]:
     return group.effect.columns(states, group.shape)
 
 
-# ----------------------------------------------------------------------------------------------------
-# Intervals of fitted parameters by a block bootstrap, shapes included to first order.
+# ---- Intervals by a block bootstrap, shapes included to first order --------------------------------
 #
 # Least-squares standard errors are too small: residuals are correlated, the model is slightly wrong. Blocks of time are
 # drawn with replacement; every draw solves base, coefficients and, linearised, the shapes again.
@@ -207,18 +206,6 @@ def _columns(group: Group, states: object) -> Mapping[str, FloatArray]:
 
 BLOCK_S = 1.32
 DRAWS = 200
-LAW_ERROR = {
-    "": 0.003,
-    "actuation_delay": 0.1,
-    "kinematic_error": 0.007,
-    "link_friction": 0.02,
-    "presliding": 0.4,
-    "structural_resonance": 0.015,
-    "torsional_hysteresis": 0.14,
-}
-"""Half-width, relative to the value, of what a law of the library leaves of the world's: where worlds were random and
-known (calibration seeds 100 500 to 100 739), the block bootstrap alone covered too rarely by that much. The bristles of
-the worlds are damped, the library's presliding is not; a delay is judged beside an undeclared one of the recording."""
 
 
 @dataclass(frozen=True)
@@ -263,9 +250,10 @@ class Bootstrap:
 
     def parameters(self, group: Group, default: Context) -> dict[str, Interval]:
         """Physical parameters of a selected effect with intervals."""
+        assert group.effect is not None
         best = self.fit.parameters(group, default)
         found = {name: interval_of(best[name], draws) for name, draws in self.draws_of(group, default).items()}
-        return widened(group.name, found)
+        return widened(group.effect, found)
 
     def draws_of(self, group: Group, default: Context) -> dict[str, FloatArray]:
         """Draws (draws,) of the physical parameters of a selected effect."""
@@ -347,11 +335,10 @@ def _blocks(fit: Fit, extra: dict[str, list[tuple[int, FloatArray]]], size: int)
     return grams[np.trace(grams, axis1=1, axis2=2) > 0], rights[np.trace(grams, axis1=1, axis2=2) > 0]
 
 
-def widened(effect: str, found: Mapping[str, Interval]) -> dict[str, Interval]:
-    """The intervals of one effect with what its law may be wrong by: `LAW_ERROR` of each value in quadrature, of the
-    amplitude for the cosine and sine of one wave, of 1 rad for a phase."""
-    share = LAW_ERROR.get(effect, LAW_ERROR[""])
-    return {name: _wider(interval, share * _size(name, found)) for name, interval in found.items()}
+def widened(effect: type[Effect], found: Mapping[str, Interval]) -> dict[str, Interval]:
+    """The intervals of one effect with what its law may be wrong by: `Effect.law_error` of each value in quadrature, of
+    the amplitude for the cosine and sine of one wave, of 1 rad for a phase."""
+    return {name: _wider(interval, effect.law_error * _size(name, found)) for name, interval in found.items()}
 
 
 def _wider(interval: Interval, error: float) -> Interval:

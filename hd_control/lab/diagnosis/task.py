@@ -7,8 +7,22 @@ from dataclasses import replace
 import numpy as np
 
 from hd_control.core.arrays import FloatArray
-from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, Context, Effect, Shape
-from hd_control.drive.library import library
+from hd_control.drive.effect import (
+    COULOMB,
+    DAMPING_TIME,
+    LINK,
+    LINK_INERTIA,
+    MOTOR,
+    ROTOR_INERTIA,
+    STIFFNESS,
+    TRANSMISSION,
+    VISCOUS,
+    ZERO,
+    Context,
+    Effect,
+    Shape,
+)
+from hd_control.drive.library import base_numbers, library
 from hd_control.drive.model import JointModel
 from hd_control.lab.balances.channels import JointEquations, Known, LinkFunction
 from hd_control.lab.balances.equations import build_equations
@@ -16,35 +30,36 @@ from hd_control.lab.diagnosis.corrections import Task
 from hd_control.lab.diagnosis.dictionary import Dictionary
 from hd_control.lab.signals.joint_signals import JointSignals
 
-DELAY = "actuation_delay"
-"""A delay in the model shifts the command; what exceeds it stays a candidate."""
 PRIORS = {"datasheet": 0.1, "measured": 0.05, "fitted": 0.05, "guess": 1.0}
 """Relative standard deviation of an inertia by the source of its value, where the file gives no interval."""
 
 
 def equations_of(signals: JointSignals, joint: JointModel, link: LinkFunction | None) -> JointEquations:
     """The balances of a recording in the units of the model."""
-    inertia = joint.effects.get("rotor_inertia", {}).get("rotor_inertia")
+    base, priors = _base(joint), _priors(joint)
     known = Known(
         gear_ratio=joint.gear_ratio,
-        rotor_inertia=1.0 if inertia is None else float(inertia.value),
-        rotor_inertia_prior=_prior(inertia),
-        link_inertia_prior=_prior(joint.effects.get("link_dynamics", {}).get("inertia")),
-        command_delay=joint.number(DELAY, "delay"),
-        damping_time=joint.number("torsional_stiffness", "damping_time"),
+        rotor_inertia=base.get(ROTOR_INERTIA, 1.0),
+        rotor_inertia_prior=priors[ROTOR_INERTIA],
+        link_inertia_prior=priors[LINK_INERTIA],
+        command_delay=sum(joint.number(name, effect.shifts_command) for name, effect in _shifting()),
+        damping_time=base.get(DAMPING_TIME, 0.0),
     )
     equations = build_equations(signals, known, link)
-    stiffness = joint.number("torsional_stiffness", "torsional_stiffness")
+    stiffness = base.get(STIFFNESS, 0.0)
     if equations.states.torsional_compliance > 0.0 or stiffness <= 0.0:
         return equations
     return replace(equations, states=replace(equations.states, torsional_compliance=1.0 / stiffness))
 
 
 def known_effects(joint: JointModel, context: Context) -> tuple[tuple[type[Effect], Shape, FloatArray], ...]:
-    """The model's effects beyond those of every model: class, shape, coefficients."""
+    """The model's effects beyond those of every model: class, shape, coefficients.
+
+    A delay of the command is applied before (`equations_of`); what exceeds it stays a candidate.
+    """
     found = []
     for name, effect in joint.effect_classes().items():
-        if effect.in_every_model or name == DELAY:
+        if effect.in_every_model or effect.shifts_command:
             continue
         shape, coefficients = effect.split(joint.numbers(name), context)
         found.append((effect, shape, np.asarray(coefficients, dtype=float)))
@@ -67,17 +82,17 @@ def task_of(signals: JointSignals, joint: JointModel, link: LinkFunction | None)
 
 def written_coefficients(dictionary: Dictionary, joint: JointModel, context: Context) -> FloatArray:
     """The model's own values as coefficients (p,) of a dictionary that was not rescaled."""
-    compliance = 1.0 / context.torsional_stiffness
+    held, compliance = _base(joint), 1.0 / context.torsional_stiffness
     channel = dictionary.equations.channels.get(TRANSMISSION)
     around = 0.0 if channel is None else channel.damping_time
-    damping = (joint.number("torsional_stiffness", "damping_time") - around) * compliance
+    damping = (held.get(DAMPING_TIME, 0.0) - around) * compliance
     base = {
         (MOTOR, "drive_torque"): 1.0,
-        (MOTOR, "coulomb_friction"): context.coulomb_torque,
-        (MOTOR, "viscous_friction"): joint.number("viscous_friction", "viscous"),
+        (MOTOR, COULOMB): context.coulomb_torque,
+        (MOTOR, VISCOUS): held.get(VISCOUS, 0.0),
         (TRANSMISSION, "torsional_compliance"): compliance,
         (TRANSMISSION, "torsional_damping"): damping,
-        (TRANSMISSION, "transmission_zero"): joint.number("torsional_stiffness", "transmission_zero"),
+        (TRANSMISSION, ZERO): held.get(ZERO, 0.0),
         (LINK, "drive_torque"): 1.0,  # the nominal link terms hold the inertia scale already
     }
     coefficients = np.zeros(dictionary.size)
@@ -87,6 +102,27 @@ def written_coefficients(dictionary: Dictionary, joint: JointModel, context: Con
     for group in dictionary.known:
         coefficients[group.index] = values[group.name]
     return coefficients
+
+
+def _base(joint: JointModel) -> dict[str, float]:
+    """Values of the model by base number; a number that the model does not give is left out."""
+    found = {}
+    for effect, one in base_numbers():
+        values = joint.numbers(effect.name)
+        if one.parameter in values:
+            found[one.number] = float(values[one.parameter])
+    return found
+
+
+def _priors(joint: JointModel) -> dict[str, float]:
+    """Relative standard deviation of every base number."""
+    values = {one.number: joint.effects.get(e.name, {}).get(one.sure_as or one.parameter) for e, one in base_numbers()}
+    return {number: _prior(value) for number, value in values.items()}
+
+
+def _shifting() -> list[tuple[str, type[Effect]]]:
+    """Effects that delay the command, by name."""
+    return [(name, effect) for name, effect in library().items() if effect.shifts_command]
 
 
 def _prior(value: object) -> float:

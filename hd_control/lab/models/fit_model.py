@@ -9,16 +9,15 @@ import numpy as np
 
 from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import HdError
-from hd_control.drive.effect import EffectParameter
-from hd_control.drive.library import effect_named
+from hd_control.drive.effect import Effect, EffectParameter
+from hd_control.drive.library import base_numbers, effect_named, library
 from hd_control.drive.model import JointModel, ModelValue
 from hd_control.lab.diagnosis.candidates import Group
-from hd_control.lab.diagnosis.corrections import SECOND_STAGE, CorrectedSearch, Task, prepare
+from hd_control.lab.diagnosis.corrections import CorrectedSearch, Task, prepare
 from hd_control.lab.diagnosis.dictionary import Dictionary
 from hd_control.lab.diagnosis.fit import Bootstrap, Interval, interval_of, widened
-from hd_control.lab.diagnosis.presliding import presliding
+from hd_control.lab.diagnosis.near_reversals import near_reversals
 from hd_control.lab.diagnosis.search import Selection
-from hd_control.lab.diagnosis.task import DELAY
 
 ROUNDS = 3
 DEAD_GAIN = 10.0
@@ -26,18 +25,6 @@ DEAD = "dead: the data do not need it"
 FLAT = 0.5
 TRADE_OFF = 0.95
 AT_BOUND = 0.01
-BASE = (
-    ("rotor_inertia", "rotor_inertia", "rotor_inertia"),
-    ("coulomb_friction", "coulomb_torque", "coulomb_torque"),
-    ("viscous_friction", "viscous", "viscous"),
-    ("torsional_stiffness", "torsional_stiffness", "torsional_stiffness"),
-    ("torsional_stiffness", "damping_time", "damping_time"),
-    ("torsional_stiffness", "transmission_zero", "transmission_zero"),
-    ("link_dynamics", "inertia_scale", "link_inertia_scale"),
-)
-"""Effect of every model, parameter, attribute of Fit."""
-NOT_PHYSICAL = ("transmission_zero",)
-"""Parameters that depend on how the joint was put together; an interval that covers zero says nothing."""
 
 
 @dataclass(frozen=True)
@@ -71,15 +58,14 @@ def fit_joint(
 
     Raises HdError if the effect is in the model already or does not act on the channels of this recording.
     """
-    if effect is not None and effect in joint.effects and effect != DELAY:
-        raise HdError(f"the model has {effect} already; hd add --refit fits its values again")
-    if effect is not None and effect_named(effect).in_every_model:
-        raise HdError(f"{effect} is in every model; hd add --refit fits its values again")
+    if effect is not None:
+        _check_addable(effect, joint)
     if not task.equations.channels:
         raise HdError(f"{task.equations.joint}: the recorded signals allow no residual channel")
     corrected = CorrectedSearch(task, prepare(task) if dictionary is None else dictionary)
     corrected.rescale(())
-    selection: Selection = () if effect is None or effect in SECOND_STAGE else (_best_shape(corrected, effect),)
+    added = None if effect is None else effect_named(effect)
+    selection: Selection = () if added is None or added.near_reversals else (_best_shape(corrected, added.name),)
     corrected.leave_blind_rows(selection)
     for _ in range(ROUNDS):
         selection, moved = corrected.correct(selection)
@@ -89,10 +75,19 @@ def fit_joint(
     table.base()
     table.known()
     gain = table.added(selection[0]) if selection else 0.0
-    if effect in SECOND_STAGE:
-        gain = table.near_reversals(str(effect))
+    if added is not None and added.near_reversals:
+        gain = table.near_reversals(added)
     rows = tuple(replace(r, remark=DEAD) if r.effect == effect and gain < DEAD_GAIN else r for r in table.rows)
     return FittedJoint(table.joint, rows, gain)
+
+
+def _check_addable(name: str, joint: JointModel) -> None:
+    """Raises HdError if the model has the effect already, ConfigError if there is none of that name."""
+    effect = library().get(name)
+    if name in joint.effects and not (effect is not None and effect.shifts_command):
+        raise HdError(f"the model has {name} already; hd add --refit fits its values again")
+    if effect_named(name).in_every_model:
+        raise HdError(f"{name} is in every model; hd add --refit fits its values again")
 
 
 def _best_shape(corrected: CorrectedSearch, effect: str) -> Group:
@@ -118,19 +113,17 @@ class _Table:
 
     def base(self) -> None:
         """Values of the effects of every model, those that this recording determines."""
-        for effect, name, attribute in BASE:
-            value = float(getattr(self.fit, attribute))
-            if effect not in self.joint.effects and effect != "link_dynamics" or not np.isfinite(value):
+        for effect, one in base_numbers():
+            value = float(getattr(self.fit, one.number))
+            if effect.name not in self.joint.effects and not one.factor or not np.isfinite(value):
                 continue
-            if attribute == "link_inertia_scale" and "link_torque" not in self.fit.dictionary.rows:
+            if one.channel not in self.fit.dictionary.rows:
                 continue
-            if attribute == "rotor_inertia" and "motor_torque" not in self.fit.dictionary.rows:
-                continue
-            draws = self.bootstrap.base(attribute)
-            if attribute == "link_inertia_scale":
-                scale = self.joint.number(effect, name, 1.0)
+            draws = self.bootstrap.base(one.number)
+            if one.factor:
+                scale = self.joint.number(effect.name, one.parameter, 1.0)
                 value, draws = scale * value, scale * draws
-            self._put(effect, {name: (value, draws)}, {p.name: p for p in effect_named(effect).parameters})
+            self._put(effect, {one.parameter: (value, draws)})
 
     def known(self) -> None:
         """Values of the effects that the model has beyond those."""
@@ -142,33 +135,32 @@ class _Table:
         self._group(group)
         return self.corrected.search.support(group, ()).gain
 
-    def near_reversals(self, name: str) -> float:
-        """Values of presliding. Raises HdError if the rows near reversals do not show it."""
-        found = presliding(self.fit)
+    def near_reversals(self, effect: type[Effect]) -> float:
+        """Values of an effect that acts near reversals only, and its gain, nats. Raises HdError if it does not show."""
+        found = near_reversals(self.fit, effect)
         if found is None:
-            raise HdError(f"{name} cannot be fitted: the rows near reversals do not show it")
-        parameters = {p.name: p for p in effect_named(name).parameters}
+            raise HdError(f"{effect.name} cannot be fitted: the rows near reversals do not show it")
+        parameters = {p.name: p for p in effect.parameters}
         for key, interval in found.parameters.items():
-            self._write(name, parameters[key], interval, "")
+            self._write(effect.name, parameters[key], interval, "")
         return found.gain
 
     def _group(self, group: Group) -> None:
         assert group.effect is not None
         best = self.fit.parameters(group, self.task.context)
         draws = self.bootstrap.draws_of(group, self.task.context)
-        if group.name == DELAY:
-            best = {name: value + self.joint.number(DELAY, name) for name, value in best.items()}
-            draws = {name: value + self.joint.number(DELAY, name) for name, value in draws.items()}
-        self._put(group.name, {n: (best[n], draws[n]) for n in best}, {p.name: p for p in group.effect.parameters})
+        if group.effect.shifts_command:  # what is fitted comes on top of what the balances applied
+            best = {name: value + self.joint.number(group.name, name) for name, value in best.items()}
+            draws = {name: value + self.joint.number(group.name, name) for name, value in draws.items()}
+        self._put(group.effect, {n: (best[n], draws[n]) for n in best})
 
-    def _put(
-        self, effect: str, values: Mapping[str, tuple[float, FloatArray]], about: Mapping[str, EffectParameter]
-    ) -> None:
+    def _put(self, effect: type[Effect], values: Mapping[str, tuple[float, FloatArray]]) -> None:
+        about = {parameter.name: parameter for parameter in effect.parameters}
         intervals = widened(effect, {name: interval_of(value, draws) for name, (value, draws) in values.items()})
         for name, interval in intervals.items():
-            self._draws[effect, name] = values[name][1]
-            remark = self._remark(effect, name, interval, about.get(name))
-            self._write(effect, about.get(name), interval, remark, name)
+            self._draws[effect.name, name] = values[name][1]
+            remark = self._remark(effect.name, name, interval, about.get(name))
+            self._write(effect.name, about.get(name), interval, remark, name)
 
     def _write(
         self, effect: str, about: EffectParameter | None, interval: Interval, remark: str, name: str = ""
@@ -187,7 +179,7 @@ class _Table:
 
     def _remark(self, effect: str, name: str, interval: Interval, about: EffectParameter | None) -> str:
         """Why a value deserves no trust; empty if it does."""
-        if name in NOT_PHYSICAL:
+        if about is not None and about.by_assembly:
             return ""
         if about is not None:
             for bound in (about.low, about.high):

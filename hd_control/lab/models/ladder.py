@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from hd_control.core.errors import HdError
-from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, UNITS
+from hd_control.drive.effect import UNITS
+from hd_control.drive.library import base_numbers
 from hd_control.drive.model import Model
 from hd_control.drive.model_file import model_sha256
 from hd_control.lab.balances.link import LinkSide
@@ -24,12 +25,6 @@ from hd_control.lab.signals.joint_signals import JointSignals, Recording
 
 GIVEN, REFIT = "as given", "refit"
 """First rungs: the model as it is, and with its own values fitted again."""
-OWN = {
-    MOTOR: ("rotor_inertia", "coulomb_friction", "viscous_friction"),
-    TRANSMISSION: ("torsional_stiffness",),
-    LINK: ("link_dynamics",),
-}
-"""Effects of every model by the channel that fits them."""
 LIMIT = 6
 FLOOR_REACHED = 1.05
 ROSE = 1.01
@@ -187,7 +182,7 @@ def _refit(train: _Judge, model: Model, joint: str) -> FittedJoint:
     fitted, train.noises = fit_joint(task, given, dictionary=dictionary), dictionary.noises
     before, after = (train.compare(each).channels for each in (model, _with(model, joint, fitted)))
     worse = {name for name, channel in after.items() if channel.rms_error > before[name].rms_error}
-    stay = {effect for name in worse for effect in OWN[name] if effect in given.effects}
+    stay = {effect.name for effect, one in base_numbers() if one.channel in worse and effect.name in given.effects}
     stay |= {group.name for group in dictionary.known if worse & set(group.channels)}
     kept = {name: given.effects[name] if name in stay else values for name, values in fitted.model.effects.items()}
     rows = tuple(row for row in fitted.parameters if row.effect not in stay)
