@@ -108,7 +108,8 @@ def test_a_band_fits_every_rate(rate: float) -> None:
     """Zero stays at or below 0.4 of the rate, the kept rate at or above 2.04 of the zero; the ratio of both edges."""
     for flat, zero in ((80.0, 122.0), (38.0, 60.0), (8.0, 13.0)):
         band = band_for(1.0 / rate, flat, zero)
-        assert band.zero <= min(zero, 0.4 * rate) * (1.0 + 1e-12) and band.flat / band.zero == pytest.approx(flat / zero)
+        assert band.zero <= min(zero, 0.4 * rate) * (1.0 + 1e-12)
+        assert band.flat / band.zero == pytest.approx(flat / zero)
         assert band.step in STEPS and (band.step == 1 or rate / band.step >= 2.04 * band.zero)
         larger = [step for step in STEPS if step > band.step]
         assert not larger or rate / larger[0] < 2.04 * band.zero, "no more rows than needed"

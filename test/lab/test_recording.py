@@ -9,7 +9,6 @@ import pytest
 from made_bags import NS, joint_topic, motion, standard_bag, ticks
 
 from hd_control.core.errors import BagError
-from hd_control.lab.signals.joint_signals import LONGEST_ROWS, decimate, factor_of
 from hd_control.lab.signals.recording import bag_sha256, read_recording
 from hd_control.lab.signals.sources import SignalSource, SourceMap
 from hd_control.record.cdr import message_class, typestore
@@ -223,34 +222,6 @@ def test_a_known_delay_is_taken_out(tmp_path: Path) -> None:
     inside = joint.time + 0.0553 < 2.99
     assert np.abs(joint.gauge_torque - early)[inside].max() < 1e-5
     assert not joint.valid[-50:].any()
-
-
-def phasor(time: np.ndarray, values: np.ndarray, frequency: float) -> complex:
-    """Amplitude and phase of a sinusoid: values = real part of phasor * exp(2 pi i f t)."""
-    angle = 2 * np.pi * frequency * time
-    (cosine, sine), *_ = np.linalg.lstsq(np.column_stack([np.cos(angle), np.sin(angle)]), values, rcond=None)
-    return complex(cosine, -sine)
-
-
-def test_a_long_recording_is_decimated_without_moving_anything() -> None:
-    assert [factor_of(rows) for rows in (1000, LONGEST_ROWS, LONGEST_ROWS + 1, 3 * LONGEST_ROWS)] == [1, 1, 3, 3]
-    period, factor = 1e-3, 3
-    time = np.arange(30_000) * period
-    slow = time[::factor]
-    inner = slice(100, -100)
-    for frequency in (2.0, 20.0, 60.0, 100.0):
-        wave = np.sin(2 * np.pi * frequency * time)
-        measured = phasor(slow[inner], decimate(wave, factor, held=False)[inner], frequency)
-        assert measured == pytest.approx(-1j, abs=1e-3)
-        # Held over the long period, the decimated torque acts as the fast one did: equal amplitude, equal phase.
-        held = phasor(slow[inner], decimate(wave, factor, held=True)[inner], frequency)
-        long, short = frequency * factor * period, frequency * period
-        acts = held * np.sinc(long) * np.exp(-1j * np.pi * long)
-        assert acts == pytest.approx(-1j * np.sinc(short) * np.exp(-1j * np.pi * short), abs=1e-3)
-    broken = np.sin(time)
-    broken[9000:9100] = np.nan
-    low = decimate(broken, factor, held=False)
-    assert np.isnan(low[3000:3033]).all() and np.isfinite(low[:2900]).all() and np.isfinite(low[3100:]).all()
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Mapping files: foreign names, units, signs; every mistake is one line with its place."""
+"""Where signals come from: topics of this project, mapping files of foreign ones; units, signs, counters that wrap."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ import pytest
 
 from hd_control.core.errors import ConfigError
 from hd_control.core.strict_yaml import parse_yaml
+from hd_control.lab.signals.joint_signals import SIGNALS
 from hd_control.lab.signals.sources import (
     QUANTITIES,
+    STANDARD,
     UNITS,
     SignalSource,
     held_from_measured,
@@ -120,3 +122,40 @@ def test_an_unknown_mapping_names_the_shipped_ones(tmp_path: Path) -> None:
         load_mapping("kuka")
     with pytest.raises(ConfigError, match="no such file"):
         load_mapping(tmp_path / "none.yaml")
+
+
+@pytest.mark.parametrize(("wrap", "unit"), [(360.0, "deg"), (2.0 * np.pi, "rad"), (1.0, "turn"), (16384.0, "")])
+@pytest.mark.parametrize("per_sample", [0.02, 0.3, 0.49])
+def test_a_counter_that_wraps_becomes_the_angle_it_counts(wrap: float, unit: str, per_sample: float) -> None:
+    """To and fro over several turns; a step of less than half the range is not ambiguous."""
+    turns = np.cumsum(per_sample * np.sign(np.sin(0.05 * np.arange(400))))
+    raw = np.mod(turns * wrap, wrap)
+    found = SignalSource("motor_shaft_position", unit=unit, wrap=wrap, scale=1.0 if unit else 1.0 / wrap)
+    factor = UNITS["angle"][unit][0] * wrap if unit else 1.0
+    angle = found.convert("j", raw)
+    np.testing.assert_allclose(angle - angle[0], (turns - turns[0]) * factor, atol=1e-9 * factor)
+
+
+def test_a_counter_with_holes_is_unwrapped_across_them() -> None:
+    raw = np.array([350.0, np.nan, 355.0, 2.0, np.nan, 8.0, 358.0])
+    found = np.rad2deg(SignalSource("joint_position", unit="deg", wrap=360.0).convert("j", raw))
+    np.testing.assert_allclose(found, [350.0, np.nan, 355.0, 362.0, np.nan, 368.0, 358.0], atol=1e-9)
+    assert raw[3] == 2.0, "the raw values stay as they were"
+
+
+def test_sign_and_scale_stand_before_the_offset() -> None:
+    """SI value = sign * scale * raw + offset: a zero is given in SI, as it is read from the robot."""
+    source = SignalSource("gauge_torque", unit="mNm", sign=-1.0, scale=100.0, offset=3.0)
+    assert source.convert("j", np.array([2000.0])) == pytest.approx([-197.0])
+    celsius = SignalSource("temperature", unit="K", scale=0.1)
+    assert celsius.convert("j", np.array([300.0])) == pytest.approx([2.685]), "scale acts on what the unit made"
+
+
+def test_the_projects_own_topics_are_in_si_and_the_measured_ones_come_first() -> None:
+    assert list(STANDARD.signals) == list(SIGNALS)
+    for name, sources in STANDARD.signals.items():
+        assert all(s.signal == name and (s.unit, s.sign, s.scale, s.offset) == ("", 1.0, 1.0, 0.0) for s in sources)
+    torque = STANDARD.signals["motor_torque"]
+    assert [(s.topic, s.acts_later) for s in torque] == [("motor_torque_applied", 0), ("motor_torque_command", 1)]
+    assert all(s.held for s in torque), "a command acts until the next one"
+    assert [s.topic for s in STANDARD.signals["gauge_torque"]] == ["gauge_bridge", "joint_states"]

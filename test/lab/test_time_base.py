@@ -13,7 +13,6 @@ from hd_control.lab.signals.time_base import (
     LONGEST_BRIDGE,
     NS,
     Alignment,
-    TimeBase,
     longest_stretch,
     period_of,
     rising,

@@ -3,9 +3,9 @@
     I phi'' = u - F(phi') - Y tau        F: Coulomb friction, a set at standstill, and viscous friction
     J q''   = tau - g sin q - F_link     tau = f(delta) + c delta',  delta = phi + KE(N phi) - q,  Y = 1 + N KE'
 
-Leapfrog with `SUBSTEPS` steps per sample: velocities at half steps, one `for` loop in plain numbers. Nothing of the world
-or of the model is used. What a test wants to change is a function of `Changes`; without them the joint is the one that
-every model describes. Signals carry no noise; `with_noise` adds white noise that is known.
+Leapfrog with `SUBSTEPS` steps per sample: velocities at half steps, one `for` loop in plain numbers. Nothing of the
+world or of the model is used. What a test wants to change is a function of `Changes`; without them the joint is the one
+that every model describes. Signals carry no noise; `with_noise` adds white noise that is known.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from hd_control.core.arrays import FloatArray
 from hd_control.lab.signals.joint_signals import JointSignals
 
 PERIOD, SUBSTEPS = 1e-3, 5
-"""s per sample. The spring turns by 0.05 rad per step: its frequency is right within 1e-4, motion of 3 Hz within 1e-8."""
+"""s per sample. The spring turns by 0.05 rad per step: its frequency is right within 1e-4, that of 3 Hz within 1e-8."""
 RATIO = 100.0
 
 
@@ -31,9 +31,9 @@ class Joint:
 
     rotor_inertia: float = 0.8
     link_inertia: float = 1.1
-    gravity: float = 15.0
-    coulomb: float = 6.0
-    viscous: float = 9.0
+    gravity: float = 45.0
+    coulomb: float = 4.0
+    viscous: float = 8.0
     stiffness: float = 2.5e4
     damping_time: float = 8e-4
 
@@ -69,15 +69,18 @@ class Changes:
     hanging: tuple[float, float, float] = (0.0, 1.0, 0.0)
 
 
-GENERAL = ((0.45, 0.11), (0.22, 0.31), (0.10, 0.73), (0.035, 1.7), (0.012, 3.1))
-"""Amplitude rad and frequency Hz of the sines of a motion with many speeds, reversals and loads."""
+GENERAL = tuple((0.28 * (0.07 / f) ** 1.4 + 0.004, f) for f in (0.07 * 1.29**i for i in range(15)))
+"""Amplitude rad and frequency Hz of the sines of a motion with many speeds, reversals and loads, 0.07 to 2.5 Hz."""
 
 
-def reference(time: FloatArray, tones: tuple[tuple[float, float], ...] = GENERAL) -> tuple[FloatArray, ...]:
+Tones = tuple[tuple[float, float], ...]
+
+
+def reference(time: FloatArray, tones: Tones = GENERAL) -> tuple[FloatArray, ...]:
     """Position, velocity and acceleration (n,) each; from rest within the first second."""
     start = np.minimum(time, 1.0)
     ease = start**4 * (35.0 - 84.0 * start + 70.0 * start**2 - 20.0 * start**3)  # three derivatives vanish at its ends
-    whole = sum(a * np.sin(2.0 * np.pi * f * time + 0.9 * i) for i, (a, f) in enumerate(tones))
+    whole = sum(a * np.sin(2.0 * np.pi * f * time + 0.9 * i**2) for i, (a, f) in enumerate(tones))
     position = ease * whole
     velocity = np.gradient(position, time)
     return position, velocity, np.gradient(velocity, time)
@@ -85,10 +88,10 @@ def reference(time: FloatArray, tones: tuple[tuple[float, float], ...] = GENERAL
 
 @lru_cache(maxsize=64)
 def simulate(
-    changes: Changes = Changes(),  # noqa: B008 - frozen
-    joint: Joint = Joint(),  # noqa: B008 - frozen
+    changes: Changes = Changes(),
+    joint: Joint = Joint(),
     seconds: float = 30.0,
-    tones: tuple[tuple[float, float], ...] = GENERAL,
+    tones: Tones = GENERAL,
 ) -> JointSignals:
     """The joint under a servo on its own states that follows `reference`; signals as a recording gives them."""
     c, k, damper = changes, joint.stiffness, joint.stiffness * joint.damping_time
@@ -102,7 +105,7 @@ def simulate(
     for n, (position, velocity, acceleration) in enumerate(wanted):
         t = n * PERIOD
         feed = (inertia + joint.link_inertia) * acceleration + joint.gravity * math.sin(position)
-        u = feed + 1800.0 * (position - phi) + 90.0 * (velocity - phi_rate) + joint.viscous * velocity
+        u = feed + 400.0 * (position - phi) + 40.0 * (velocity - phi_rate) + joint.viscous * velocity
         line = [u, *line[:-1]]
         before, acting = acting, line[-1] if c.motor is None else c.motor(line[-1])
         for step in range(SUBSTEPS):
@@ -113,7 +116,7 @@ def simulate(
             tau = (c.spring(delta) if c.spring else k * delta) + damper * rate + loop
             if step == 0:
                 rows.append((RATIO * phi, q, tau, u))
-            drive = 0.5 * (before + acting) if step == 0 else acting  # half of the first kick belongs to the tick before
+            drive = acting if step else 0.5 * (before + acting)  # half of the first kick belongs to the tick before
             level = joint.coulomb + c.coulomb(phi_rate, tau, t)
             push = drive - lever * tau - joint.viscous * phi_rate - c.rotor(phi, phi_rate, tau, t)
             if c.bristle > 0.0:

@@ -184,6 +184,7 @@ SHORTEST = 2.0
 RATIO_TOLERANCE, TORSION = (1e-3, 1e-3), (3e-3, 6e-3)
 """(relative, rad over the range of motion) of the slope between the positions, with and without the gauge's torsion."""
 LEAST_MOTION = 5e-3
+OPPOSITE = "opposite signs"
 FLIPPED_INERTIA, FLIPPED_POWER = -10.0, {"gauge_torque": -12.0, "motor_torque": -4.0}
 """t values of inertia and friction power below which a torque counts as turned; the gauge may see little friction."""
 CLEAR_POWER, CLEAR_INERTIA = 8.0, 15.0
@@ -209,7 +210,7 @@ def check_signals(signals: JointSignals, gear_ratio: float, rated_torque: float 
     if int(rows.usable.sum()) < FEWEST_ROWS:
         return tuple(found)
     ratio = [] if angles else _ratio(rows, gear_ratio)
-    signs = _signs(rows)
+    signs = [] if OPPOSITE in "".join(ratio) else _signs(rows)  # against a position that is turned both torques are
     scale = [] if signs or units else _scale(rows, gear_ratio)
     delays = [] if any((wraps, angles, units, ratio, signs, scale)) else delay_sentences(rows)
     return (*found, *ratio, *signs, *scale, *delays)
@@ -249,7 +250,7 @@ def _ratio(rows: SlowRows, gear_ratio: float) -> list[str]:
             return [f"{text}: it turns {found:.5g} per joint_position, the model's gear ratio is {gear_ratio:g}"]
     if slope < 0.0:
         return [
-            f"motor_shaft_position and joint_position have opposite signs: slope {found:.5g}, "
+            f"motor_shaft_position and joint_position have {OPPOSITE}: slope {found:.5g}, "
             f"the model's gear ratio is {gear_ratio:g}"
         ]
     return [
