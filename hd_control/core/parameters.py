@@ -1,7 +1,9 @@
-"""Parameters: default, unit, symbol, bounds and source in one place.
+"""Parameters: unit, symbol, bounds and source in one place.
 
 A `ParameterSet` belongs to a node or a law. The same list validates a file, declares the ROS parameters, refuses a bad
-live change, bounds a fit and fills the tables of the documentation. ROS params files are written from it, too.
+live change, bounds a fit and fills the tables of the documentation. ROS params files are written from it, too. The
+parameters that a compiled law reads are the fields of its block: `parameters_of` makes the list, `field_numbers` the
+numbers of the block.
 """
 
 from __future__ import annotations
@@ -10,9 +12,11 @@ import difflib
 import enum
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from hd_control.core.errors import ConfigError
 from hd_control.core.faults import FaultCode
@@ -93,6 +97,78 @@ class Parameter:
             return [f"{where}: {value:g} is outside {self.allowed}"]
         return []
 
+
+FieldRow = tuple[str, int, str, str]
+"""A field of a compiled block: name, numbers per joint (0: one for all), unit, meaning."""
+Allowed = tuple[str, float, float, bool, tuple[str, ...]]
+"""What a field may hold: kind (a key of `KINDS`), lowest, highest, whether the lowest is excluded, words."""
+KINDS: Mapping[str, type] = {"number": float, "whole": int, "truth": bool, "word": str}
+ANY_NUMBER: Allowed = ("number", -math.inf, math.inf, False, ())
+
+
+def parameters_of(
+    fields: Sequence[FieldRow],
+    allowed: Mapping[str, Allowed],
+    more: Mapping[str, Mapping[str, Any]],
+    without: Collection[str] = (),
+    **common: Any,
+) -> tuple[Parameter, ...]:
+    """The parameters that the fields of a compiled block ask for, in the order of the block.
+
+    Name, unit, meaning and allowed values are the block's. `more` gives by field what a block does not know (symbol,
+    source, change), `common` the same for all. Fields in `without` are computed, or are parameters of another list. A
+    field of several numbers per joint becomes numbered parameters; the word n of meaning and symbol becomes the number.
+    Raises ValueError for a name in `more` or `without` that is no field.
+    """
+    strangers = {*more, *without} - {field[0] for field in fields}
+    if strangers:
+        raise ValueError(f"the block has no field {', '.join(sorted(strangers))}")
+    chosen = (field for field in fields if field[0] not in without)
+    return tuple(
+        p for field in chosen for p in _parameters_of_field(field, allowed, {**common, **more.get(field[0], {})})
+    )
+
+
+def _parameters_of_field(
+    field: FieldRow, allowed: Mapping[str, Allowed], extras: Mapping[str, Any]
+) -> Iterator[Parameter]:
+    name, per_joint, unit, meaning = field
+    kind, low, high, open_low, words = allowed.get(name, ANY_NUMBER)
+    given: dict[str, Any] = {"name": name, "meaning": meaning, "unit": unit, "kind": KINDS[kind], "choices": words}
+    given["shape"] = Shape.PER_JOINT if per_joint else Shape.SCALAR
+    if kind in ("number", "whole"):
+        bound: Callable[[float], float] = int if kind == "whole" else float
+        given |= {"low": bound(low), "high": bound(high), "open_low": open_low}
+    given |= extras
+    if per_joint <= 1:
+        yield Parameter(**given)
+        return
+    for n in range(1, per_joint + 1):
+        texts = {key: re.sub(r"(?<![^\W_])n\b", str(n), given.get(key, "")) for key in ("meaning", "symbol")}
+        yield Parameter(**given | texts | {"name": f"{name}_{n}"})
+
+
+def field_numbers(
+    fields: Sequence[FieldRow], allowed: Mapping[str, Allowed], values: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Checked values of parameters as numbers of the block's fields; a field without a parameter is left out.
+
+    True is 1, a word is its number, numbered parameters become the rows (joints, numbers) of one field.
+    """
+    numbers: dict[str, Any] = {}
+    for name, per_joint, _, _ in fields:
+        if per_joint > 1:
+            if f"{name}_1" in values:
+                numbers[name] = np.array([values[f"{name}_{n}"] for n in range(1, per_joint + 1)]).T
+        elif name in values:
+            value = values[name]
+            numbers[name] = allowed[name][4].index(value) if isinstance(value, str) else value
+    return numbers
+
+
+JOINT_NAMES = Parameter(
+    "joint_names", "joints, in the order of every list", kind=str, shape=Shape.LIST, change=Change.FIXED
+)
 
 Rule = Callable[[Mapping[str, Any]], list[str]]
 """A rule between values: receives all values, returns what is wrong, one sentence each."""

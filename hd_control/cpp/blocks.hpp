@@ -8,8 +8,13 @@
 //
 // C++ then reads `state.motor_velocity[joint]`; Python reads the same memory as `state.motor_velocity`, and the names,
 // units and meanings of the list serve introspection topics, tables and the glossary.
+//
+// A field of a parameter block also says what is allowed, and becomes a parameter by that, with no second list:
+//
+//     FIELD(gear_ratio, 1, "-", "rotor turns per joint turn", above(0.0))
 #pragma once
 
+#include <cmath>
 #include <cstddef>
 #include <stdexcept>
 #include <string>
@@ -17,11 +22,28 @@
 
 namespace hd {
 
+// What a field may hold: finite numbers between bounds, whole numbers, 0 or 1 for false or true, or the number of a
+// word, counted from 0.
+struct Allowed {
+    const char* kind = "number";
+    double low = -INFINITY, high = INFINITY;
+    bool open_low = false;   // `low` itself is not allowed
+    const char* words = "";  // separated by spaces
+};
+
+constexpr Allowed above(double low, double high = INFINITY) { return {"number", low, high, true}; }
+constexpr Allowed at_least(double low, double high = INFINITY) { return {"number", low, high}; }
+constexpr Allowed between(double low, double high) { return {"number", low, high}; }
+constexpr Allowed whole(double low, double high) { return {"whole", low, high}; }
+constexpr Allowed truth() { return {"truth", 0.0, 1.0}; }
+constexpr Allowed one_of(const char* words) { return {"word", 0.0, INFINITY, false, words}; }
+
 struct Field {
     const char* name;
     int per_joint;
     const char* unit;
     const char* meaning;
+    Allowed allowed = {};
 };
 
 inline std::size_t field_size(int per_joint, int joints) {
@@ -36,11 +58,11 @@ inline std::size_t block_size(const std::vector<Field>& fields, int joints) {
 
 }  // namespace hd
 
-#define HD_FIELD_POINTER(name, per_joint, unit, meaning) double* name;
-#define HD_FIELD_ASSIGN(name, per_joint, unit, meaning) \
-    name = base;                                        \
+#define HD_FIELD_POINTER(name, ...) double* name;
+#define HD_FIELD_ASSIGN(name, per_joint, ...) \
+    name = base;                              \
     base += hd::field_size(per_joint, joints);
-#define HD_FIELD_ENTRY(name, per_joint, unit, meaning) {#name, per_joint, unit, meaning},
+#define HD_FIELD_ENTRY(name, ...) {#name, __VA_ARGS__},
 
 #define HD_BLOCK(Block, FIELDS)                                                          \
     struct Block {                                                                       \

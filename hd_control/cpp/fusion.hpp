@@ -18,28 +18,28 @@
 
 namespace hd {
 
-#define HD_FUSION_PARAMS(FIELD)                                                                     \
-    FIELD(joint_position_source, 0, "-", "0 resolver, 1 complementary")                             \
-    FIELD(derivative_pole, 0, "-", "pole of the derivative filter D")                               \
-    FIELD(crossover_weight, 0, "-", "weight of a new resolver sample, 1 - exp(-crossover dt)")      \
-    FIELD(gear_ratio, 1, "-", "rotor turns per joint turn")                                         \
-    FIELD(torsional_stiffness, 1, "N m/rad", "linear stiffness of the drive")                       \
-    FIELD(encoder_period, 1, "rad", "rotor angle at which the encoder wraps; 0: it does not")       \
-    FIELD(resolver_period, 1, "rad", "joint angle at which the resolver wraps; 0: it does not")     \
-    FIELD(encoder_offset, 1, "rad", "rotor angle read at zero")                                     \
-    FIELD(resolver_offset, 1, "rad", "joint angle read at zero")                                    \
-    FIELD(gauge_gain, 1, "-", "indicated torque per true torque")                                   \
-    FIELD(gauge_offset, 1, "N m", "indicated torque at zero torque")                                \
-    FIELD(gauge_temperature_drift, 1, "N m/K", "change of the offset with temperature")             \
-    FIELD(gauge_reference_temperature, 1, "degC", "temperature at which gauge_offset holds")        \
-    FIELD(gauge_angle_offset, 1, "rad", "beta_0, gauge angle at zero rotor angle")                  \
-    FIELD(gauge_joint_turns, 1, "-", "turns of the gauge per joint turn: 0 casing fixed, +1 or -1") \
-    FIELD(gauge_cosine_2, 1, "N m", "ripple with cos 2 beta")                                       \
-    FIELD(gauge_sine_2, 1, "N m", "ripple with sin 2 beta")                                         \
-    FIELD(gauge_cosine_4, 1, "N m", "ripple with cos 4 beta")                                       \
-    FIELD(gauge_sine_4, 1, "N m", "ripple with sin 4 beta")                                         \
-    FIELD(kinematic_cosine, 4, "rad", "kinematic error, cos n theta_m, n = 1 .. 4")                 \
-    FIELD(kinematic_sine, 4, "rad", "kinematic error, sin n theta_m, n = 1 .. 4")
+#define HD_FUSION_PARAMS(FIELD)                                                                                        \
+    FIELD(joint_position_source, 0, "-", "joint sensor, or motor side above the crossover",                            \
+          one_of("resolver complementary"))                                                                            \
+    HD_DERIVATIVE_CUTOFF(FIELD)                                                                                        \
+    FIELD(crossover, 0, "rad/s", "where the joint sensor hands over to the motor side", above(0.0, 1e4))               \
+    HD_GEAR_RATIO(FIELD)                                                                                               \
+    HD_TORSIONAL_STIFFNESS(FIELD)                                                                                      \
+    FIELD(encoder_period, 1, "rad", "rotor angle at which the encoder wraps; 0: multi-turn", at_least(0.0))            \
+    FIELD(resolver_period, 1, "rad", "joint angle at which the resolver wraps; 0: multi-turn", at_least(0.0))          \
+    FIELD(encoder_offset, 1, "rad", "rotor angle read at zero")                                                        \
+    FIELD(resolver_offset, 1, "rad", "joint angle read at zero")                                                       \
+    FIELD(gauge_gain, 1, "-", "indicated torque per true torque", between(0.1, 10.0))                                  \
+    FIELD(gauge_offset, 1, "N m", "indicated torque at zero torque")                                                   \
+    FIELD(gauge_temperature_drift, 1, "N m/K", "change of the offset with temperature")                                \
+    FIELD(gauge_reference_temperature, 1, "degC", "temperature at which gauge_offset holds", between(-100.0, 300.0))   \
+    FIELD(gauge_angle_offset, 1, "rad", "gauge angle at zero rotor angle")                                             \
+    FIELD(gauge_joint_turns, 1, "-", "turns of the gauge per joint turn: 0 casing fixed, 1 or -1", between(-1.0, 1.0)) \
+    FIELD(gauge_cosine_2, 1, "N m", "ripple with cos 2 beta")                                                          \
+    FIELD(gauge_sine_2, 1, "N m", "ripple with sin 2 beta")                                                            \
+    FIELD(gauge_cosine_4, 1, "N m", "ripple with cos 4 beta")                                                          \
+    FIELD(gauge_sine_4, 1, "N m", "ripple with sin 4 beta")                                                            \
+    HD_KINEMATIC_ERROR(FIELD)
 
 #define HD_FUSION_SAMPLE(FIELD)                                                    \
     FIELD(motor_shaft_position, 1, "rad", "rotor angle as read")                   \
@@ -115,16 +115,20 @@ inline void correct_gauge(const FusionParams& p, const FusionSample& in, FusionO
     out.joint_torque[j] = (in.gauge_torque[j] - out.gauge_drift[j] - out.gauge_ripple[j]) / p.gauge_gain[j];
 }
 
+// Pole of D; weight of a new resolver sample, 1 - exp(-crossover dt); sample time.
+struct FusionFilters {
+    double pole, weight, dt;
+};
+
 // Joint position from the resolver, or with the motor side above the crossover frequency.
-inline void fuse_position(const FusionParams& p, FusionState& m, FusionOutput& out, int j, bool first) {
+inline void fuse_position(const FusionParams& p, FusionState& m, FusionOutput& out, int j, bool first, double weight) {
     out.kinematic_error[j] = kinematic_error(out.motor_shaft_position[j], &p.kinematic_cosine[kHarmonics * j],
                                              &p.kinematic_sine[kHarmonics * j])
                                  .value;
     out.torsion[j] = out.joint_torque[j] / p.torsional_stiffness[j];
     const double motor_side = out.motor_position[j] + out.kinematic_error[j] - out.torsion[j];
     const double difference = out.resolver_position[j] - motor_side;
-    const double bias =
-        first ? difference : m.crossover_bias[j] + p.crossover_weight[0] * (difference - m.crossover_bias[j]);
+    const double bias = first ? difference : m.crossover_bias[j] + weight * (difference - m.crossover_bias[j]);
     if (std::isfinite(bias)) m.crossover_bias[j] = bias;
     out.motor_side_joint_position[j] = motor_side;
     out.crossover_bias[j] = m.crossover_bias[j];
@@ -140,7 +144,7 @@ inline void start_fusion(FusionState& m, const FusionSample& in, int j) {
 
 // One joint, one sample. A reading that is not finite shows in the output as not finite and does not enter the memory.
 inline void fuse_joint(const FusionParams& p, FusionState& m, const FusionSample& in, FusionOutput& out, int j,
-                       double dt) {
+                       const FusionFilters& filters) {
     const bool first = m.started[j] == 0.0;
     if (first) start_fusion(m, in, j);
     out.motor_shaft_position[j] =
@@ -152,13 +156,13 @@ inline void fuse_joint(const FusionParams& p, FusionState& m, const FusionSample
     out.motor_position[j] = out.motor_shaft_position[j] / p.gear_ratio[j];
     out.motor_torque[j] = in.motor_torque[j];
     correct_gauge(p, in, out, j);
-    fuse_position(p, m, out, j, first);
+    fuse_position(p, m, out, j, first, filters.weight);
     if (first) {
         m.joint_position_last[j] = out.joint_position[j];
         m.motor_position_last[j] = out.motor_position[j];
         m.started[j] = 1.0;
     }
-    const double pole = p.derivative_pole[0];
+    const double pole = filters.pole, dt = filters.dt;
     out.joint_velocity[j] =
         differentiate_finite(out.joint_position[j], m.joint_position_last[j], m.joint_velocity[j], pole, dt);
     out.motor_velocity[j] =
@@ -171,7 +175,8 @@ inline void fuse_joint(const FusionParams& p, FusionState& m, const FusionSample
 
 inline void fusion_step(const FusionParams& p, FusionState& memory, const FusionSample& in, FusionOutput& out,
                         int joints, double dt) {
-    for (int j = 0; j < joints; ++j) fuse_joint(p, memory, in, out, j, dt);
+    const FusionFilters filters{derivative_pole(p.derivative_cutoff[0], dt), -std::expm1(-p.crossover[0] * dt), dt};
+    for (int j = 0; j < joints; ++j) fuse_joint(p, memory, in, out, j, filters);
 }
 
 }  // namespace hd

@@ -5,7 +5,7 @@
 //   torsional_stiffness             K                 manifold_torque              h_0
 //   perturbation_stiffness          K_1               hysteresis_torque            -q
 //   epsilon                         sqrt(K_1 / K)     load_torque                  tau_l
-//   position_gain, damping_gain     Lambda, k_d       fast_gain                    K_D
+//   tracking_gain, tracking_damping Lambda, k_d       fast_gain                    K_D
 //
 // Blocks are output side (torques x N, inertias x N^2); inside, the paper's motor side. The kinematic error of a block
 // is -theta_p. The hysteresis torque is the law's own, moved by the measured torsion along its exact solution.
@@ -20,35 +20,38 @@
 
 namespace hd {
 
-#define HD_MANIFOLD_PARAMS(FIELD)                                                                                 \
-    FIELD(composition, 0, "-", "0 comparison (31), 1 tau_0, 2 and tau_1, 3 and tau_2, 4 all terms")               \
-    FIELD(prediction_samples, 0, "-", "samples from the measurement to the middle of the command's hold")         \
-    FIELD(load_source, 0, "-", "0 function of the wanted position, 1 required joint torque")                      \
-    FIELD(error_filter, 0, "-", "1: measured rates carry the lag of D; what the wanted motion knows is put back") \
-    FIELD(derivative_pole, 0, "-", "pole of the derivative filter D of the measured rates")                       \
-    FIELD(hysteresis_source, 0, "-", "0 measured torsion, 1 wanted torque")                                       \
-    FIELD(gear_ratio, 1, "-", "N")                                                                                \
-    FIELD(torsional_stiffness, 1, "N m/rad", "K")                                                                 \
-    FIELD(stiffness_cubic, 1, "N m/rad^3", "m_2")                                                                 \
-    FIELD(stiffness_quintic, 1, "N m/rad^5", "m_3")                                                               \
-    FIELD(rotor_inertia, 1, "kg m^2", "N^2 J_m")                                                                  \
-    FIELD(rotor_coulomb, 1, "N m", "Coulomb friction of the rotor, fed forward")                                  \
-    FIELD(friction_speed, 1, "rad/s", "wanted speed at which 76 % of it are fed forward")                         \
-    FIELD(rotor_damping, 1, "N m s", "N^2 B_m")                                                                   \
-    FIELD(link_inertia, 1, "kg m^2", "J_l")                                                                       \
-    FIELD(link_damping, 1, "N m s", "B_l")                                                                        \
-    FIELD(hysteresis_stiffness, 1, "N m/rad", "A")                                                                \
-    FIELD(hysteresis_rate, 1, "1/rad", "alpha")                                                                   \
-    FIELD(perturbation_stiffness, 1, "N m/rad", "K_1")                                                            \
-    FIELD(position_gain, 1, "1/s", "Lambda")                                                                      \
-    FIELD(damping_gain, 1, "N m s", "k_d")                                                                        \
-    FIELD(fast_gain, 1, "s", "K_D")                                                                               \
-    FIELD(load_constant, 1, "N m", "load: constant part")                                                         \
-    FIELD(load_cosine, 1, "N m", "load: with cos of the wanted position")                                         \
-    FIELD(load_sine, 1, "N m", "load: with sin of the wanted position")                                           \
-    FIELD(motor_torque_limit, 1, "N m", "largest motor torque, output side")                                      \
-    FIELD(kinematic_cosine, 4, "rad", "kinematic error, cos n theta_m, n = 1 .. 4")                               \
-    FIELD(kinematic_sine, 4, "rad", "kinematic error, sin n theta_m, n = 1 .. 4")
+#define HD_MANIFOLD_PARAMS(FIELD)                                                                                     \
+    FIELD(composition, 0, "-", "terms of the integral-manifold law", one_of("comparison tau_0 tau_1 tau_2 all"))      \
+    FIELD(prediction_samples, 0, "-", "from the measurement to the middle of the command's hold", at_least(0.0, 4.5)) \
+    FIELD(load_source, 0, "-", "load: function of the wanted position, or required torque",                           \
+          one_of("position required"))                                                                                \
+    FIELD(hysteresis_source, 0, "-",                                                                                  \
+          "hysteresis torque from the measured torsion (fine sensors), or from the wanted torque",                    \
+          one_of("measured wanted"))                                                                                  \
+    HD_RATE_SOURCE(FIELD)                                                                                             \
+    HD_DERIVATIVE_CUTOFF(FIELD)                                                                                       \
+    HD_GEAR_RATIO(FIELD)                                                                                              \
+    HD_TORSIONAL_STIFFNESS(FIELD)                                                                                     \
+    HD_ROTOR_INERTIA(FIELD)                                                                                           \
+    HD_MOTOR_TORQUE_LIMIT(FIELD)                                                                                      \
+    HD_KINEMATIC_ERROR(FIELD)                                                                                         \
+    HD_LINK_INERTIA(FIELD)                                                                                            \
+    FIELD(stiffness_cubic, 1, "N m/rad^3", "cubic part of the spring; 0 in the law of the paper", at_least(0.0))      \
+    FIELD(stiffness_quintic, 1, "N m/rad^5", "quintic part of the spring", at_least(0.0))                             \
+    FIELD(rotor_coulomb, 1, "N m", "Coulomb friction of the rotor, fed forward; 0 in the paper", at_least(0.0))       \
+    FIELD(friction_speed, 1, "rad/s", "wanted speed at which 76 % of rotor_coulomb are fed forward", above(0.0))      \
+    FIELD(rotor_damping, 1, "N m s", "viscous damping of the rotor, output side", at_least(0.0))                      \
+    FIELD(link_damping, 1, "N m s", "viscous damping of the link", at_least(0.0))                                     \
+    FIELD(hysteresis_stiffness, 1, "N m/rad", "slope of the hysteresis torque after a reversal", at_least(0.0))       \
+    FIELD(hysteresis_rate, 1, "1/rad", "how fast it saturates; it ends at hysteresis_stiffness / hysteresis_rate",    \
+          at_least(0.0))                                                                                              \
+    FIELD(perturbation_stiffness, 1, "N m/rad", "scale of the fast variable", above(0.0))                             \
+    FIELD(tracking_gain, 1, "1/s", "position error to velocity", at_least(0.0))                                       \
+    FIELD(tracking_damping, 1, "N m s", "velocity error to torque", at_least(0.0))                                    \
+    FIELD(fast_gain, 1, "s", "gain of the fast term, from fast_damping_ratio")                                        \
+    FIELD(load_constant, 1, "N m", "known load: constant part")                                                       \
+    FIELD(load_cosine, 1, "N m", "known load: with cos q_d")                                                          \
+    FIELD(load_sine, 1, "N m", "known load: with sin q_d")
 
 #define HD_MANIFOLD_REFERENCE(FIELD)                                     \
     FIELD(desired_position, 1, "rad", "r")                               \
@@ -215,15 +218,15 @@ struct ManifoldStep {
     void composite(const JointMotion& m, double h, const Wanted& w, ManifoldOutput& out) const {
         const double N = p.gear_ratio[j], K1 = p.perturbation_stiffness[j], x = torsion(m), K = tangent(x);
         const double Jm = p.rotor_inertia[j] / (N * N), Jl = p.link_inertia[j], Bl = p.link_damping[j];
-        const double Lambda = p.position_gain[j], KD = p.fast_gain[j], eps = std::sqrt(K1 / K), q = -h;
+        const double Lambda = p.tracking_gain[j], KD = p.fast_gain[j], eps = std::sqrt(K1 / K), q = -h;
         const Transmission t = transmission(N * m.motor, cosine(), sine());
         const double Yp = 1.0 / N + t.slope, p2 = -t.curvature, p3 = -t.third;
         const double v = m.joint_rate, rotor_rate = N * m.motor_rate;
         const double e = m.joint - w.r, e1 = v - w.r1, sum = e1 + Lambda * e;
         const double D = Jm / (Yp * Yp) + Jl, c = Jm * p2 / (Yp * Yp * Yp), c4 = c / Yp;
-        const double tau0 =
-            Yp * (D * (w.r2 - Lambda * e1) + (c4 * v + Bl) * (w.r1 - Lambda * e) - p.damping_gain[j] * sum + w.load);
-        const double Gamma = (c4 * v + Bl + p.damping_gain[j]) / D, accel = w.r2 - Lambda * e1 - Gamma * sum;
+        const double tau0 = Yp * (D * (w.r2 - Lambda * e1) + (c4 * v + Bl) * (w.r1 - Lambda * e) -
+                                  p.tracking_damping[j] * sum + w.load);
+        const double Gamma = (c4 * v + Bl + p.tracking_damping[j]) / D, accel = w.r2 - Lambda * e1 - Gamma * sum;
         const double e2 = accel - w.r2, slow_rate = v / Yp;
         const double Yp_rate = -p2 * slow_rate, D_rate = -2.0 * Jm * Yp_rate / (Yp * Yp * Yp);
         const double c4_rate = Jm * p3 * slow_rate / std::pow(Yp, 4) - 4.0 * Jm * p2 * Yp_rate / std::pow(Yp, 5);
@@ -252,14 +255,15 @@ struct ManifoldStep {
 
     // (31) with the load used once: neither kinematic error nor hysteresis.
     void comparison(const JointMotion& m, const Wanted& w, ManifoldOutput& out) const {
-        const double N = p.gear_ratio[j], K = p.torsional_stiffness[j], Lambda = p.position_gain[j];
+        const double N = p.gear_ratio[j], K = p.torsional_stiffness[j], Lambda = p.tracking_gain[j];
         const double e = m.joint - w.r, e1 = m.joint_rate - w.r1;
         const double fast = p.fast_gain[j] * std::sqrt(p.perturbation_stiffness[j] / K) * K;
         out.damping_term[j] = p.rotor_damping[j] * m.motor_rate;
         out.friction_term[j] = friction(w.r1);
         out.fast_term[j] = N * fast * (m.joint_rate - m.motor_rate);
         out.slow_term_0[j] = (p.link_inertia[j] + p.rotor_inertia[j]) * (w.r2 - Lambda * e1) +
-                             p.link_damping[j] * (w.r1 - Lambda * e) - p.damping_gain[j] * (e1 + Lambda * e) + w.load;
+                             p.link_damping[j] * (w.r1 - Lambda * e) - p.tracking_damping[j] * (e1 + Lambda * e) +
+                             w.load;
         out.slow_term_1[j] = out.slow_term_2[j] = out.slow_term_4[j] = 0.0;
     }
 };
@@ -267,8 +271,9 @@ struct ManifoldStep {
 // One sample of the integral-manifold law: what it takes from the measurement, from the wanted motion and from the
 // chain.
 //
-// With `error_filter` the measured rates, which carry the lag of the filter D, get back what D takes off the wanted
-// motion. The wanted rotor moves against the kinematic error and winds the spring, so that its rate is known as well.
+// With `rate_source` error_filter the measured rates, which carry the lag of the filter D, get back what D takes off
+// the wanted motion. The wanted rotor moves against the kinematic error and winds the spring, so that its rate is known
+// as well.
 
 inline Wanted wanted(const ManifoldReference& ref, int j) {
     return {ref.desired_position[j], ref.desired_velocity[j], ref.desired_acceleration[j],
@@ -305,7 +310,7 @@ struct RateFilters {
 
 inline void put_lag_back(const ManifoldStep& law, RateFilters& f, const Wanted& w, const WantedSpring& spring,
                          JointMotion& m, bool first, double T) {
-    const double N = law.p.gear_ratio[law.j], pole = law.p.derivative_pole[0];
+    const double N = law.p.gear_ratio[law.j], pole = derivative_pole(law.p.derivative_cutoff[0], T);
     const Transmission t = transmission(N * m.motor, law.cosine(), law.sine());
     const double motor = w.r + spring.torsion - t.value;
     const double motor_rate = (w.r1 + spring.torsion_rate) / (1.0 + N * t.slope);
@@ -351,7 +356,7 @@ inline void manifold_joint(const ManifoldParams& p, ManifoldState& state, const 
     }
     RateFilters filters{state.joint_filter_last[j], state.joint_filter_rate[j], state.motor_filter_last[j],
                         state.motor_filter_rate[j]};
-    if (p.error_filter[0] != 0.0) put_lag_back(law, filters, want, spring, m, first, T);
+    if (p.rate_source[0] == kErrorFilter) put_lag_back(law, filters, want, spring, m, first, T);
     out.position_error[j] = m.joint - want.r;
     double h = now;
     const double ahead = p.prediction_samples[0] * T;

@@ -3,6 +3,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <cmath>
 #include <cstring>
 #include <optional>
 #include <stdexcept>
@@ -74,6 +75,23 @@ py::dict field_lists() {
     };
     (add(Blocks::block_name(), Blocks::fields()), ...);
     return lists;
+}
+
+// Block -> field -> kind, lowest, highest, lowest excluded, words; only fields that say what they may hold.
+template <class... Blocks>
+py::dict allowed_values() {
+    py::dict blocks;
+    const auto add = [&blocks](const char* name, const std::vector<Field>& fields) {
+        py::dict found;
+        for (const auto& [field, per_joint, unit, meaning, what] : fields) {
+            if (std::string(what.kind) == "number" && std::isinf(what.low) && std::isinf(what.high)) continue;
+            const py::object words = py::str(what.words).attr("split")();
+            found[field] = py::make_tuple(what.kind, what.low, what.high, what.open_low, py::tuple(words));
+        }
+        blocks[name] = found;
+    };
+    (add(Blocks::block_name(), Blocks::fields()), ...);
+    return blocks;
 }
 
 // ---------------------------------------------------------------------------------- one sample of a law or the gate
@@ -350,6 +368,8 @@ PYBIND11_MODULE(_laws, module) {
                     MotionReference, MotionOutput, TorqueParams, TorqueSample, TorqueReference, TorqueState,
                     TorqueOutput, ManifoldParams, ManifoldReference, ManifoldState, ManifoldOutput, FeedbackParams,
                     FeedbackReference, FeedbackState, FeedbackOutput, GateLimits, GateState>();
+    module.attr("ALLOWED") =
+        allowed_values<FusionParams, MotionParams, TorqueParams, ManifoldParams, FeedbackParams, GateLimits>();
     define_laws(module);
     define_arm(module);
     define_safety(module);

@@ -8,15 +8,15 @@
 
 namespace hd {
 
-// The gate of one sample; what it does and why: hd_control/safety/gate.py, docs/equations/safety_gate.md. The tests hold
-// it against a plain re-statement, test/oracles/gate_law.py, bit for bit.
+// The gate of one sample; what it does and why: hd_control/safety/gate.py, docs/equations/safety_gate.md. The tests
+// hold it against a plain re-statement, test/oracles/gate_law.py, bit for bit.
 
-#define HD_GATE_LIMITS(FIELD)                                                                \
-    FIELD(age_limit, 0, "samples", "inputs of this age or older stop the robot")             \
-    FIELD(rate_excess_limit, 0, "samples", "rate excesses in a row that stop the robot")     \
-    FIELD(reset_samples, 0, "samples", "healthy samples in a row before a reset is granted") \
-    FIELD(standstill_velocity, 0, "rad/s", "a joint faster than this refuses a reset")       \
-    FIELD(torque_limit, 1, "N m", "largest motor torque, output side")                       \
+#define HD_GATE_LIMITS(FIELD)                                                                            \
+    FIELD(age_limit, 0, "samples", "inputs of this age stop the robot", whole(1, 1000))                  \
+    FIELD(rate_excess_limit, 0, "samples", "rate excesses in a row that stop the robot", whole(1, 1000)) \
+    FIELD(reset_samples, 0, "samples", "healthy samples in a row before a reset", whole(2, 1e6))         \
+    FIELD(standstill_velocity, 0, "rad/s", "a faster joint refuses a reset", above(0.0, 0.1))            \
+    FIELD(torque_limit, 1, "N m", "largest motor torque, output side", above(0.0))                       \
     FIELD(torque_step, 1, "N m", "largest change of motor torque from sample to sample")
 
 #define HD_GATE_STATE(FIELD)                                                                 \

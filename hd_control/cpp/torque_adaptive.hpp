@@ -20,43 +20,47 @@
 
 namespace hd {
 
-#define HD_TORQUE_PARAMS(FIELD)                                                                           \
-    FIELD(law, 0, "-", "0 adaptive, 1 direct")                                                            \
-    FIELD(compliance_derivative, 0, "-", "0 literal, 1 stiffness_only, 2 filtered")                       \
-    FIELD(rate_source, 0, "-", "0 plain, 1 error_filter")                                                 \
-    FIELD(kinematic_feedforward, 0, "-", "1: take the known kinematic error off the wanted rotor motion") \
-    FIELD(adapt_friction, 0, "-", "1: friction estimates follow the error")                               \
-    FIELD(adapt_compliance, 0, "-", "1: the compliance estimate follows the error")                       \
-    FIELD(derivative_pole, 0, "-", "pole of the derivative filter D")                                     \
-    FIELD(gear_ratio, 1, "-", "rotor turns per joint turn")                                               \
-    FIELD(damping_time, 1, "s", "flexspline damping over stiffness")                                      \
-    FIELD(rotor_inertia, 1, "kg m^2", "rotor inertia, output side")                                       \
-    FIELD(motor_position_gain, 1, "1/s", "lambda_phi")                                                    \
-    FIELD(torque_rate_gain, 1, "1/(N m s)", "lambda_tau")                                                 \
-    FIELD(motor_velocity_gain, 1, "N m s", "k_phi")                                                       \
-    FIELD(torque_gain, 1, "-", "k_tau")                                                                   \
-    FIELD(load_friction_linear, 1, "1/(N m)", "growth of Coulomb friction with load")                     \
-    FIELD(load_friction_quadratic, 1, "1/(N m)^2", "growth of Coulomb friction with load squared")        \
-    FIELD(adaptation_gain_coulomb, 1, "N m", "rho_1 times adaptation_scale")                              \
-    FIELD(adaptation_gain_offset, 1, "N m", "rho_2")                                                      \
-    FIELD(adaptation_gain_viscous, 1, "N m s^2", "rho_3 = rho_4 times adaptation_scale")                  \
-    FIELD(adaptation_gain_compliance, 1, "1/(N m)^2", "rho_zeta times adaptation_scale")                  \
-    FIELD(coulomb_torque_low, 1, "N m", "bound of the estimate")                                          \
-    FIELD(coulomb_torque_high, 1, "N m", "bound of the estimate")                                         \
-    FIELD(coulomb_torque_initial, 1, "N m", "start of the estimate")                                      \
-    FIELD(friction_offset_low, 1, "N m", "bound of the estimate")                                         \
-    FIELD(friction_offset_high, 1, "N m", "bound of the estimate")                                        \
-    FIELD(friction_offset_initial, 1, "N m", "start of the estimate")                                     \
-    FIELD(viscous_low, 1, "N m s", "bound of both estimates")                                             \
-    FIELD(viscous_high, 1, "N m s", "bound of both estimates")                                            \
-    FIELD(viscous_positive_initial, 1, "N m s", "start of the estimate")                                  \
-    FIELD(viscous_negative_initial, 1, "N m s", "start of the estimate")                                  \
-    FIELD(torsional_compliance_low, 1, "rad/(N m)", "bound of the estimate")                              \
-    FIELD(torsional_compliance_high, 1, "rad/(N m)", "bound of the estimate")                             \
-    FIELD(torsional_compliance_initial, 1, "rad/(N m)", "start of the estimate")                          \
-    FIELD(motor_torque_limit, 1, "N m", "largest motor torque, output side")                              \
-    FIELD(kinematic_cosine, 4, "rad", "kinematic error, cos n theta_m, n = 1 .. 4")                       \
-    FIELD(kinematic_sine, 4, "rad", "kinematic error, sin n theta_m, n = 1 .. 4")
+#define HD_ESTIMATE_BOUNDS(FIELD, estimate, unit, allowed)                 \
+    FIELD(estimate##_low, 1, unit, "lower bound of the estimate", allowed) \
+    FIELD(estimate##_high, 1, unit, "upper bound of the estimate", allowed)
+#define HD_ESTIMATE_START(FIELD, estimate, unit, allowed) \
+    FIELD(estimate##_initial, 1, unit, "estimate at the start; a live change moves the estimate there", allowed)
+
+// The adaptation gains of the block have `adaptation_scale` in them, except that of the offset.
+#define HD_TORQUE_PARAMS(FIELD)                                                                                     \
+    FIELD(law, 0, "-", "adaptive joint torque control, required torque sent to the motor as it is, or another law", \
+          one_of("adaptive direct"))                                                                                \
+    FIELD(compliance_derivative, 0, "-", "derivatives of the wanted torsion",                                       \
+          one_of("literal stiffness_only filtered"))                                                                \
+    HD_RATE_SOURCE(FIELD)                                                                                           \
+    FIELD(kinematic_feedforward, 0, "-", "take the known kinematic error off the wanted rotor motion", truth())     \
+    FIELD(adapt_friction, 0, "-", "friction estimates follow the error", truth())                                   \
+    FIELD(adapt_compliance, 0, "-", "the compliance estimate follows the error", truth())                           \
+    HD_DERIVATIVE_CUTOFF(FIELD)                                                                                     \
+    HD_GEAR_RATIO(FIELD)                                                                                            \
+    FIELD(damping_time, 1, "s", "flexspline damping over stiffness", at_least(0.0))                                 \
+    HD_ROTOR_INERTIA(FIELD)                                                                                         \
+    FIELD(motor_position_gain, 1, "1/s", "motor position error to velocity", above(0.0))                            \
+    FIELD(torque_rate_gain, 1, "1/(N m s)", "joint torque error to velocity", above(0.0))                           \
+    FIELD(motor_velocity_gain, 1, "N m s", "velocity error to torque", above(0.0))                                  \
+    FIELD(torque_gain, 1, "-", "joint torque error to torque", at_least(0.0))                                       \
+    FIELD(load_friction_linear, 1, "1/(N m)", "growth of Coulomb friction with load", at_least(0.0))                \
+    FIELD(load_friction_quadratic, 1, "1/(N m)^2", "growth of Coulomb friction with load squared", at_least(0.0))   \
+    FIELD(adaptation_gain_coulomb, 1, "N m", "speed of the Coulomb estimate", at_least(0.0))                        \
+    FIELD(adaptation_gain_offset, 1, "N m", "speed of the offset estimate", at_least(0.0))                          \
+    FIELD(adaptation_gain_viscous, 1, "N m s^2", "speed of both viscous estimates", at_least(0.0))                  \
+    FIELD(adaptation_gain_compliance, 1, "1/(N m)^2", "speed of the compliance estimate", at_least(0.0))            \
+    HD_ESTIMATE_BOUNDS(FIELD, coulomb_torque, "N m", Allowed{})                                                     \
+    HD_ESTIMATE_START(FIELD, coulomb_torque, "N m", Allowed{})                                                      \
+    HD_ESTIMATE_BOUNDS(FIELD, friction_offset, "N m", Allowed{})                                                    \
+    HD_ESTIMATE_START(FIELD, friction_offset, "N m", Allowed{})                                                     \
+    HD_ESTIMATE_BOUNDS(FIELD, viscous, "N m s", Allowed{})                                                          \
+    HD_ESTIMATE_START(FIELD, viscous_positive, "N m s", Allowed{})                                                  \
+    HD_ESTIMATE_START(FIELD, viscous_negative, "N m s", Allowed{})                                                  \
+    HD_ESTIMATE_BOUNDS(FIELD, torsional_compliance, "rad/(N m)", above(0.0))                                        \
+    HD_ESTIMATE_START(FIELD, torsional_compliance, "rad/(N m)", at_least(0.0))                                      \
+    HD_MOTOR_TORQUE_LIMIT(FIELD)                                                                                    \
+    HD_KINEMATIC_ERROR(FIELD)
 
 #define HD_TORQUE_SAMPLE(FIELD)                                      \
     FIELD(joint_position, 1, "rad", "q")                             \
@@ -174,7 +178,6 @@ inline bool is_finite(const TorqueMemory& memory) {
 
 enum Law { kAdaptive = 0, kDirect = 1 };
 enum ComplianceDerivative { kLiteral = 0, kStiffnessOnly = 1, kFiltered = 2 };
-enum RateSource { kPlain = 0, kErrorFilter = 1 };
 
 // The law for one joint and one sample, in the order of docs/equations/adaptive_torque_law.md.
 struct TorqueStep {
@@ -183,12 +186,10 @@ struct TorqueStep {
     const TorqueReference& ref;
     TorqueOutput& out;
     const int j;
-    const double T;
+    const double pole, T;  // of D; s
     TorqueMemory m;
 
-    double D(double x, double& last, double& rate) const {
-        return differentiate(x, last, rate, p.derivative_pole[0], T);
-    }
+    double D(double x, double& last, double& rate) const { return differentiate(x, last, rate, pole, T); }
 
     // First sample: every filter sees a past equal to the present, so all rates start at zero.
     void start() {
@@ -359,8 +360,9 @@ struct TorqueStep {
 // All joints. A joint whose inputs give no finite torque says so in its output and keeps its memory as it was.
 inline void torque_step(const TorqueParams& p, TorqueState& state, const TorqueSample& in, const TorqueReference& ref,
                         TorqueOutput& out, int joints, double dt) {
+    const double pole = derivative_pole(p.derivative_cutoff[0], dt);
     for (int j = 0; j < joints; ++j) {
-        TorqueStep law{p, in, ref, out, j, dt, load_memory(state, j)};
+        TorqueStep law{p, in, ref, out, j, pole, dt, load_memory(state, j)};
         if (p.law[0] == kAdaptive) {
             law.adaptive();
         } else {

@@ -15,19 +15,20 @@
 
 namespace hd {
 
-#define HD_FEEDBACK_PARAMS(FIELD)                                                             \
-    FIELD(setpoint_kick, 0, "-", "1: rates of the required torque by difference, 0: none")    \
-    FIELD(rate_pole, 0, "-", "pole of the filter on the torque rate")                         \
-    FIELD(rotor_inertia, 1, "kg m^2", "J")                                                    \
-    FIELD(link_inertia, 1, "kg m^2", "J_L; 0: the link is locked")                            \
-    FIELD(torsional_stiffness, 1, "N m/rad", "K")                                             \
-    FIELD(proportional_gain, 1, "1/s^2", "K_p")                                               \
-    FIELD(rate_gain, 1, "1/s", "K_d")                                                         \
-    FIELD(integral_gain, 1, "1/s^3", "K_i")                                                   \
-    FIELD(integral_limit, 1, "N m", "largest integral term")                                  \
-    FIELD(friction_torque, 1, "N m", "Coulomb friction fed forward, output side")             \
-    FIELD(friction_rate, 1, "N m/s", "rate of the required torque at which it is 76 % there") \
-    FIELD(motor_torque_limit, 1, "N m", "largest motor torque, output side")
+#define HD_FEEDBACK_PARAMS(FIELD)                                                                              \
+    FIELD(setpoint_kick, 0, "-", "rates of the required torque by difference", truth())                        \
+    FIELD(torque_rate_cutoff, 0, "rad/s", "cut-off of the filter on the joint torque's rate", above(0.0, 1e5)) \
+    HD_ROTOR_INERTIA(FIELD)                                                                                    \
+    HD_LINK_INERTIA(FIELD)                                                                                     \
+    HD_TORSIONAL_STIFFNESS(FIELD)                                                                              \
+    FIELD(feedback_proportional, 1, "1/s^2", "torque error to torque acceleration", at_least(0.0))             \
+    FIELD(feedback_rate, 1, "1/s", "torque rate error to torque acceleration", at_least(0.0))                  \
+    FIELD(feedback_integral, 1, "1/s^3", "integral of the torque error; 0 in the paper", at_least(0.0))        \
+    FIELD(feedback_integral_limit, 1, "N m", "largest integral term", at_least(0.0))                           \
+    FIELD(feedback_friction, 1, "N m", "Coulomb friction fed forward, output side", at_least(0.0))             \
+    FIELD(feedback_friction_rate, 1, "N m/s",                                                                  \
+          "rate of the required torque at which 76 % of feedback_friction are fed forward", above(0.0))        \
+    HD_MOTOR_TORQUE_LIMIT(FIELD)
 
 #define HD_FEEDBACK_REFERENCE(FIELD)                \
     FIELD(joint_torque_required, 1, "N m", "T_d")   \
@@ -69,9 +70,9 @@ inline void feedback_joint(const FeedbackParams& p, FeedbackState& state, double
                            const RequiredTorque& want, FeedbackOutput& out, int j, double T) {
     double last = state.joint_torque_last[j], rate = state.joint_torque_rate[j];
     if (state.started[j] == 0.0) last = joint_torque, rate = 0.0;
-    differentiate(joint_torque, last, rate, p.rate_pole[0], T);
+    differentiate(joint_torque, last, rate, derivative_pole(p.torque_rate_cutoff[0], T), T);
     const double error = want.torque - joint_torque, per = p.rotor_inertia[j] / p.torsional_stiffness[j];
-    const double weight = per * p.integral_gain[j], limit = p.integral_limit[j];
+    const double weight = per * p.feedback_integral[j], limit = p.feedback_integral_limit[j];
     double integral = state.integral[j] + T * error;
     if (weight > 0.0) integral = std::min(std::max(integral, -limit / weight), limit / weight);
     const double share = p.link_inertia[j] > 0.0 ? p.rotor_inertia[j] / p.link_inertia[j] : 0.0;
@@ -79,11 +80,11 @@ inline void feedback_joint(const FeedbackParams& p, FeedbackState& state, double
     out.joint_torque_rate[j] = rate;
     out.required_torque_rate[j] = want.rate;
     out.acceleration_term[j] = per * want.acceleration;
-    out.rate_term[j] = per * p.rate_gain[j] * (want.rate - rate);
-    out.proportional_term[j] = per * p.proportional_gain[j] * error;
+    out.rate_term[j] = per * p.feedback_rate[j] * (want.rate - rate);
+    out.proportional_term[j] = per * p.feedback_proportional[j] * error;
     out.integral_term[j] = weight * integral;
     out.feedforward_term[j] = want.torque * (1.0 + share);
-    out.friction_term[j] = p.friction_torque[j] * std::tanh(want.rate / p.friction_rate[j]);
+    out.friction_term[j] = p.feedback_friction[j] * std::tanh(want.rate / p.feedback_friction_rate[j]);
     const double u = out.acceleration_term[j] + out.rate_term[j] + out.proportional_term[j] + out.integral_term[j] +
                      out.feedforward_term[j] + out.friction_term[j];
     const double most = p.motor_torque_limit[j];

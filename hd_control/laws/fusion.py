@@ -21,37 +21,13 @@ import numpy as np
 from hd_control import _laws
 from hd_control.core.blocks import Block, Layout, layout_of
 from hd_control.core.errors import ConfigError
-from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
+from hd_control.core.parameters import JOINT_NAMES, Change, ParameterSet, field_numbers, parameters_of
 
-HARMONICS = 4
-SOURCES = ("resolver", "complementary")
 MODEL_FIELDS = (
     *("torsional_stiffness", "gauge_gain", "gauge_offset", "gauge_temperature_drift"),
     *("gauge_cosine_2", "gauge_sine_2", "gauge_cosine_4", "gauge_sine_4", "kinematic_cosine", "kinematic_sine"),
 )
 """Fields of the parameter block that are a model of drive and sensors: a live change ramps."""
-
-
-def _joint(
-    name: str,
-    meaning: str,
-    unit: str,
-    symbol: str = "",
-    low: float = -math.inf,
-    high: float = math.inf,
-    *,
-    above: bool = False,
-    change: Change = Change.INACTIVE,
-) -> Parameter:
-    return Parameter(
-        name, meaning, unit, shape=Shape.PER_JOINT, low=low, high=high, open_low=above, symbol=symbol, change=change
-    )
-
-
-def _model(
-    name: str, meaning: str, unit: str, symbol: str = "", low: float = -math.inf, high: float = math.inf
-) -> Parameter:
-    return _joint(name, meaning, unit, symbol, low, high, change=Change.HOT)
 
 
 def _turns_rule(values: Mapping[str, Any]) -> list[str]:
@@ -62,58 +38,17 @@ def _turns_rule(values: Mapping[str, Any]) -> list[str]:
     ]
 
 
-PARAMETERS = ParameterSet(
-    "fusion law",
-    (
-        Parameter("joint_names", "joints, in the order of every list", kind=str, shape=Shape.LIST, change=Change.FIXED),
-        Parameter(
-            "joint_position_source", "joint sensor, or motor side above the crossover", kind=str, choices=SOURCES
-        ),
-        Parameter(
-            "derivative_cutoff",
-            "cut-off of the derivative filter D",
-            "rad/s",
-            low=0.0,
-            open_low=True,
-            high=1e5,
-            symbol="ω",
-            source="Zhu, section V",
-        ),  # fmt: skip
-        Parameter(
-            "crossover",
-            "where the joint sensor hands over to the motor side",
-            "rad/s",
-            low=0.0,
-            open_low=True,
-            high=1e4,
-            source="chosen",
-        ),  # fmt: skip
-        _joint("gear_ratio", "rotor turns per joint turn", "-", "N", 0.0, above=True),
-        _joint("torsional_stiffness", "linear stiffness", "N m/rad", "k_f", 0.0, above=True, change=Change.HOT),
-        _joint("encoder_period", "rotor angle at which the encoder wraps; 0: multi-turn", "rad", low=0.0),
-        _joint("resolver_period", "joint angle at which the resolver wraps; 0: multi-turn", "rad", low=0.0),
-        _joint("encoder_offset", "rotor angle read at zero", "rad"),
-        _joint("resolver_offset", "joint angle read at zero", "rad"),
-        _model("gauge_gain", "indicated torque per true torque", "-", "", 0.1, 10.0),
-        _model("gauge_offset", "indicated torque at zero torque", "N m"),
-        _model("gauge_temperature_drift", "change of the offset with temperature", "N m/K"),
-        _joint("gauge_reference_temperature", "temperature at which gauge_offset holds", "degC", "", -100.0, 300.0),
-        _joint("gauge_angle_offset", "gauge angle at zero rotor angle", "rad", "β_0"),
-        _joint("gauge_joint_turns", "turns of the gauge per joint turn", "-", "", -1.0, 1.0),
-        _model("gauge_cosine_2", "ripple with cos 2β", "N m"),
-        _model("gauge_sine_2", "ripple with sin 2β", "N m"),
-        _model("gauge_cosine_4", "ripple with cos 4β", "N m"),
-        _model("gauge_sine_4", "ripple with sin 4β", "N m"),
-        *(
-            _model(
-                f"kinematic_{kind}_{n}", f"kinematic error, {kind} of {n} theta_m", "rad", f"{letter}_{n}", -0.1, 0.1
-            )
-            for kind, letter in (("cosine", "a"), ("sine", "b"))
-            for n in range(1, HARMONICS + 1)
-        ),
-    ),
-    (_turns_rule,),
-)
+FIELDS, ALLOWED = _laws.BLOCKS["FusionParams"], _laws.ALLOWED["FusionParams"]
+_MORE: Mapping[str, Mapping[str, Any]] = {name: {"change": Change.HOT} for name in MODEL_FIELDS} | {
+    "derivative_cutoff": {"symbol": "ω", "source": "Zhu, section V"},
+    "crossover": {"source": "chosen"},
+    "gear_ratio": {"symbol": "N"},
+    "torsional_stiffness": {"symbol": "k_f", "change": Change.HOT},
+    "gauge_angle_offset": {"symbol": "β_0"},
+    "kinematic_cosine": {"symbol": "a_n", "change": Change.HOT},
+    "kinematic_sine": {"symbol": "b_n", "change": Change.HOT},
+}
+PARAMETERS = ParameterSet("fusion law", (JOINT_NAMES, *parameters_of(FIELDS, ALLOWED, _MORE)), (_turns_rule,))
 
 
 @lru_cache
@@ -132,14 +67,7 @@ def configure(values: Mapping[str, Any], robot: object, dt: float) -> Block:
             f"{PARAMETERS.owner}: derivative_cutoff {own['derivative_cutoff']:g} rad/s is not below "
             f"{math.pi / dt:g} rad/s, half the sample rate"
         )
-    block = layout("FusionParams", joints)
-    numbers: dict[str, Any] = {name: own[name] for name in block.slices if name in own}
-    numbers["joint_position_source"] = SOURCES.index(own["joint_position_source"])
-    numbers["derivative_pole"] = _laws.derivative_pole(own["derivative_cutoff"], dt)
-    numbers["crossover_weight"] = -math.expm1(-own["crossover"] * dt)
-    for kind in ("cosine", "sine"):
-        numbers[f"kinematic_{kind}"] = np.array([own[f"kinematic_{kind}_{n}"] for n in range(1, HARMONICS + 1)]).T
-    return block.pack(numbers)
+    return layout("FusionParams", joints).pack(field_numbers(FIELDS, ALLOWED, own))
 
 
 def new_sample(joints: int) -> Block:

@@ -14,85 +14,56 @@ for joints whose coupling is small. The law itself is hd_control/cpp/integral_ma
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
-
 from hd_control import _laws
 from hd_control.core.blocks import Block, Layout, layout_of
-from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
+from hd_control.core.parameters import (
+    JOINT_NAMES,
+    Change,
+    Parameter,
+    ParameterSet,
+    Shape,
+    field_numbers,
+    parameters_of,
+)
 from hd_control.laws import torque_adaptive
 
-COMPOSITIONS = ("comparison", "tau_0", "tau_1", "tau_2", "all")
-LOAD_SOURCES = ("position", "required")
-SHARED = (
-    *("joint_names", "rate_source", "derivative_cutoff"),
-    *("gear_ratio", "torsional_stiffness", "rotor_inertia", "motor_torque_limit"),
-)
-HYSTERESIS_SOURCES = ("measured", "wanted")
-KINEMATIC = tuple(
-    f"kinematic_{kind}_{n}" for kind in ("cosine", "sine") for n in range(1, torque_adaptive.HARMONICS + 1)
-)
+FIELDS, ALLOWED = _laws.BLOCKS["ManifoldParams"], _laws.ALLOWED["ManifoldParams"]
+COMPOSITIONS = ALLOWED["composition"][4]
 TABLE, SECTION_5 = "Gandhi, Table I", "Gandhi, section V"
-
-
-def _joint(
-    name: str,
-    meaning: str,
-    unit: str,
-    symbol: str,
-    source: str,
-    low: float = 0.0,
-    *,
-    above: bool = False,
-    change: Change = Change.INACTIVE,
-) -> Parameter:
-    return Parameter(
-        name, meaning, unit, shape=Shape.PER_JOINT, low=low, open_low=above, symbol=symbol, source=source, change=change
-    )
-
-
-LINK_INERTIA = _joint("link_inertia", "inertia of the link; 0: the link is locked", "kg m^2", "J_l", TABLE)
-OWN = (
-    Parameter(
-        "composition", "terms of the integral-manifold law", kind=str, choices=COMPOSITIONS, change=Change.INACTIVE
+_MORE: Mapping[str, Mapping[str, Any]] = {
+    **{name: {"source": ""} for name in ("composition", "prediction_samples", "load_source", "hysteresis_source")},
+    "link_inertia": {"symbol": "J_l", "source": TABLE},
+    "stiffness_cubic": {"symbol": "m_2"},
+    "stiffness_quintic": {"symbol": "m_3"},
+    "rotor_coulomb": {"change": Change.HOT},
+    "rotor_damping": {"symbol": "N² B_m", "source": TABLE, "change": Change.HOT},
+    "link_damping": {"symbol": "B_l", "source": TABLE},
+    "hysteresis_stiffness": {"symbol": "A", "source": TABLE},
+    "hysteresis_rate": {"symbol": "α", "source": TABLE},
+    "perturbation_stiffness": {"symbol": "K_1"},
+    "tracking_gain": {"symbol": "Λ"},
+    "tracking_damping": {"symbol": "k_d"},
+    **{f"load_{part}": {"source": SECTION_5} for part in ("constant", "cosine", "sine")},
+}
+_READ = (
+    *parameters_of(FIELDS, ALLOWED, _MORE, ("fast_gain",), source="chosen"),
+    Parameter(  # gives fast_gain
+        "fast_damping_ratio",
+        "damping ratio of the fast mode",
+        shape=Shape.PER_JOINT,
+        low=0.0,
+        open_low=True,
+        symbol="ζ",
+        source="chosen",
     ),
-    Parameter("prediction_samples", "from the measurement to the middle of the command's hold", low=0.0, high=4.5),
-    Parameter(
-        "load_source", "load: function of the wanted position, or required torque", kind=str, choices=LOAD_SOURCES
-    ),
-    Parameter(
-        "hysteresis_source",
-        "hysteresis torque from the measured torsion (fine sensors), or from the wanted torque",
-        kind=str,
-        choices=HYSTERESIS_SOURCES,
-    ),
-    LINK_INERTIA,
-    _joint("stiffness_cubic", "cubic part of the spring; 0 in the law of the paper", "N m/rad^3", "m_2", "chosen"),
-    _joint("stiffness_quintic", "quintic part of the spring", "N m/rad^5", "m_3", "chosen"),
-    _joint(
-        "rotor_coulomb",
-        "Coulomb friction of the rotor, fed forward; 0 in the paper",
-        "N m",
-        "",
-        "chosen",
-        change=Change.HOT,
-    ),
-    _joint("friction_speed", "wanted speed at which tanh feeds 76 % of it forward", "rad/s", "", "chosen", above=True),
-    _joint("rotor_damping", "viscous damping of the rotor, output side", "N m s", "N² B_m", TABLE, change=Change.HOT),
-    _joint("link_damping", "viscous damping of the link", "N m s", "B_l", TABLE),
-    _joint("hysteresis_stiffness", "slope of the hysteresis torque after a reversal", "N m/rad", "A", TABLE),
-    _joint("hysteresis_rate", "how fast it saturates, at A/α", "1/rad", "α", TABLE),
-    _joint("perturbation_stiffness", "scale of the fast variable", "N m/rad", "K_1", "chosen", above=True),
-    _joint("tracking_gain", "position error to velocity", "1/s", "Λ", "chosen"),
-    _joint("tracking_damping", "velocity error to torque", "N m s", "k_d", "chosen"),
-    _joint("fast_damping_ratio", "damping ratio of the fast mode", "-", "ζ", "chosen", above=True),
-    _joint("load_constant", "known load: constant part", "N m", "", SECTION_5, -math.inf),
-    _joint("load_cosine", "known load: with cos q_d", "N m", "", SECTION_5, -math.inf),
-    _joint("load_sine", "known load: with sin q_d", "N m", "", SECTION_5, -math.inf),
 )
+_ADAPTIVE = torque_adaptive.PARAMETERS
+OWN = tuple(parameter for parameter in _READ if parameter.name not in _ADAPTIVE.names)
+"""What the adaptive torque law does not have; the others are the same parameters of the node."""
 
 
 def _link_rule(values: Mapping[str, Any]) -> list[str]:
@@ -105,7 +76,7 @@ def _link_rule(values: Mapping[str, Any]) -> list[str]:
 
 PARAMETERS = ParameterSet(
     "integral-manifold law",
-    (*(torque_adaptive.PARAMETERS[name] for name in (*SHARED, *KINEMATIC)), *OWN),
+    (JOINT_NAMES, *(_ADAPTIVE[p.name] for p in _READ if p.name in _ADAPTIVE.names), *OWN),
     (_link_rule,),
 )
 
@@ -135,13 +106,7 @@ def configure(values: Mapping[str, Any], robot: object, dt: float) -> Block:
     own = {name: values[name] for name in PARAMETERS.names if name in values}
     joints = len(own.get("joint_names", ()))
     PARAMETERS.check(own, joints)
-    numbers: dict[str, Any] = {name: own[name] for name in layout("ManifoldParams", 1).slices if name in own}
-    numbers["composition"] = COMPOSITIONS.index(own["composition"])
-    numbers["load_source"] = LOAD_SOURCES.index(own["load_source"])
-    numbers["hysteresis_source"] = HYSTERESIS_SOURCES.index(own["hysteresis_source"])
-    numbers["error_filter"] = float(own["rate_source"] == "error_filter")
-    numbers["derivative_pole"] = _laws.derivative_pole(own["derivative_cutoff"], dt)
-    numbers["position_gain"], numbers["damping_gain"] = own["tracking_gain"], own["tracking_damping"]
+    numbers = field_numbers(FIELDS, ALLOWED, own)
     numbers["fast_gain"] = [
         fast_gain(*row)
         for row in zip(
@@ -151,9 +116,6 @@ def configure(values: Mapping[str, Any], robot: object, dt: float) -> Block:
             strict=True,
         )
     ]
-    for kind in ("cosine", "sine"):
-        rows: Sequence[Any] = [own[f"kinematic_{kind}_{n}"] for n in range(1, torque_adaptive.HARMONICS + 1)]
-        numbers[f"kinematic_{kind}"] = np.array(rows).T
     return layout("ManifoldParams", joints).pack(numbers)
 
 

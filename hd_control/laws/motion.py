@@ -22,7 +22,7 @@ from hd_control.core.arrays import FloatArray
 from hd_control.core.blocks import Block, Layout, layout_of
 from hd_control.core.errors import ConfigError
 from hd_control.core.faults import FaultCode
-from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
+from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape, field_numbers, parameters_of
 from hd_control.core.robot import Robot
 
 # ---- The link model of virtual decomposition control, and the torque of the rigid arm --------------
@@ -97,8 +97,13 @@ def rigid_torque(
 # ---- Parameters of the motion node: gains of the laws, link model, goals; values in config/motion_node.yaml ----
 
 
-LAWS = ("vdc", "pd", "pid", "computed_torque", "feed_forward")
-RATE_SOURCES = ("plain", "error_filter")
+FIELDS, ALLOWED = _laws.BLOCKS["MotionParams"], _laws.ALLOWED["MotionParams"]
+LAWS = ALLOWED["law"][4]
+_OF_THE_ROBOT = (
+    *("gravity", "rotation", "origin"),
+    *("link_parameters", "link_parameters_low", "link_parameters_high", "link_adaptation_gain"),
+)
+"""Fields that `link_fields` makes from the robot description."""
 TABLE_2, CHOSEN = "Zhu, Table II", "chosen"
 
 
@@ -142,6 +147,17 @@ def _names_rule(values: Mapping[str, Any]) -> list[str]:
     ]
 
 
+_GAIN: Mapping[str, Any] = {"source": TABLE_2, "change": Change.HOT}
+_MORE: Mapping[str, Mapping[str, Any]] = {
+    "derivative_cutoff": {"symbol": "omega", "source": "Zhu, section V"},
+    "position_gain": {"symbol": "lambda", **_GAIN},
+    "velocity_gain": {"symbol": "k_p", **_GAIN},
+    "integral_gain": {"symbol": "k_I", **_GAIN},
+    "integral_low": {"symbol": "t_s-", **_GAIN},
+    "integral_high": {"symbol": "t_s+", **_GAIN},
+    "rotor_inertia": {"symbol": "I*", **_GAIN},
+    "link_adaptation": {"change": Change.HOT},
+}
 PARAMETERS = ParameterSet(
     "motion",
     (
@@ -149,42 +165,7 @@ PARAMETERS = ParameterSet(
         Parameter(
             "joint_names", "joints that the lists below are for", kind=str, shape=Shape.LIST, change=Change.FIXED
         ),
-        Parameter("law", "motion law", kind=str, choices=LAWS),
-        Parameter("rate_source", "where the joint velocity comes from", kind=str, choices=RATE_SOURCES),
-        Parameter(
-            "derivative_cutoff",
-            "cutoff of the derivative filter of the error filter",
-            "rad/s",
-            low=0.0,
-            open_low=True,
-            symbol="omega",
-            source="Zhu, section V",
-        ),
-        _joint("position_gain", "position error to required velocity", "1/s", "lambda"),
-        _joint("velocity_gain", "feedback of the required velocity error", "N m s", "k_p"),
-        _joint("integral_gain", "bounded integral of the required velocity error", "N m", "k_I", above=False),
-        Parameter(
-            "integral_low",
-            "lower bound of the integral",
-            "N m",
-            shape=Shape.PER_JOINT,
-            symbol="t_s-",
-            source=TABLE_2,
-            change=Change.HOT,
-        ),
-        Parameter(
-            "integral_high",
-            "upper bound of the integral",
-            "N m",
-            shape=Shape.PER_JOINT,
-            symbol="t_s+",
-            source=TABLE_2,
-            change=Change.HOT,
-        ),
-        _joint(
-            "rotor_inertia", "rotor inertia, output side (computed_torque, feed_forward)", "kg m^2", "I*", above=False
-        ),
-        Parameter("link_adaptation", "whether link parameters adapt", kind=bool, change=Change.HOT),
+        *parameters_of(FIELDS, ALLOWED, _MORE, _OF_THE_ROBOT),
         _joint(
             "link_adaptation_gain",
             "adaptation gain of a link parameter over its size",
@@ -217,9 +198,6 @@ PARAMETERS = ParameterSet(
 
 
 # ---- The law ---------------------------------------------------------------------------------------
-
-
-_GAINS = ("position_gain", "velocity_gain", "integral_gain", "integral_low", "integral_high", "rotor_inertia")
 
 
 @lru_cache
@@ -263,11 +241,7 @@ def configure(values: Mapping[str, Any], robot: Robot, dt: float) -> Block:
     ]
     if fast:
         raise ConfigError(FaultCode.MODEL_MISMATCH.line("; ".join(fast), "motion"))
-    numbers: dict[str, Any] = {name: chosen[name] for name in _GAINS} | link_fields(chosen, robot)
-    numbers["law"] = LAWS.index(chosen["law"])
-    numbers["rate_source"] = RATE_SOURCES.index(chosen["rate_source"])
-    numbers["derivative_cutoff"] = chosen["derivative_cutoff"]
-    numbers["link_adaptation"] = float(chosen["link_adaptation"])
+    numbers = field_numbers(FIELDS, ALLOWED, chosen) | link_fields(chosen, robot)
     return layout("MotionParams", robot.joints).pack(numbers)
 
 

@@ -22,9 +22,9 @@ from hd_control import _laws
 from hd_control.core.blocks import Block, Layout, layout_of
 from hd_control.core.errors import ConfigError
 from hd_control.core.faults import FaultCode
-from hd_control.core.parameters import ParameterSet
+from hd_control.core.parameters import ParameterSet, field_numbers
 from hd_control.laws import integral_manifold, torque_adaptive, torque_feedback
-from hd_control.laws.torque_adaptive import COMPLIANCE_DERIVATIVES, HARMONICS, LAWS, RATE_SOURCES, warnings
+from hd_control.laws.torque_adaptive import warnings
 
 PARAMETERS = ParameterSet(
     "torque law",
@@ -39,7 +39,7 @@ START_VALUES: Mapping[str, str] = {name: f"{name}_initial" for name in ESTIMATES
 MODEL_FIELDS = (
     *("kinematic_feedforward", "kinematic_cosine", "kinematic_sine", "load_friction_linear", "load_friction_quadratic"),
     *START_VALUES.values(),
-    *("torsional_stiffness", "rotor_coulomb", "rotor_damping", "friction_torque"),
+    *("torsional_stiffness", "rotor_coulomb", "rotor_damping", "feedback_friction"),
 )
 """Fields of the parameter blocks of all laws that are a model of the drive: a live change ramps."""
 _SCALED = ("adaptation_gain_coulomb", "adaptation_gain_viscous", "adaptation_gain_compliance")
@@ -84,16 +84,11 @@ def configure(values: Mapping[str, Any], robot: NamedJoints | None, dt: float) -
     chosen = PARAMETERS.select(own, names)
     if own["law"] in _OTHER_LAWS:
         return _OTHER_LAWS[own["law"]].configure(chosen, robot, dt)  # type: ignore[no-any-return]
-    numbers: dict[str, Any] = {name: chosen[name] for name in layout("TorqueParams", 1).slices if name in chosen}
-    numbers["law"] = LAWS.index(own["law"])
-    numbers["compliance_derivative"] = COMPLIANCE_DERIVATIVES.index(own["compliance_derivative"])
-    numbers["rate_source"] = RATE_SOURCES.index(own["rate_source"])
-    numbers["derivative_pole"] = _laws.derivative_pole(own["derivative_cutoff"], dt)
+    numbers = field_numbers(torque_adaptive.FIELDS, torque_adaptive.ALLOWED, chosen)
     for name in _SCALED:
         numbers[name] = own["adaptation_scale"] * np.asarray(chosen[name])
-    for kind in ("cosine", "sine"):
-        rows = [chosen[f"kinematic_{kind}_{n}"] for n in range(1, HARMONICS + 1)]
-        numbers[f"kinematic_{kind}"] = float(own["kinematic_feedforward"]) * np.array(rows).T
+    for name in ("kinematic_cosine", "kinematic_sine"):
+        numbers[name] = float(own["kinematic_feedforward"]) * numbers[name]
     return layout("TorqueParams", len(names)).pack(numbers)
 
 

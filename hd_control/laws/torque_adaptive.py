@@ -6,96 +6,18 @@ what it does and why is in docs/equations/adaptive_torque_law.md. Words for Zhu'
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
-from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
+from hd_control import _laws
+from hd_control.core.parameters import JOINT_NAMES, Change, Parameter, ParameterSet, Shape, parameters_of
 
-HARMONICS = 4
-COMPLIANCE_DERIVATIVES = ("literal", "stiffness_only", "filtered")
-RATE_SOURCES = ("plain", "error_filter")
-LAWS = ("adaptive", "direct", "integral_manifold", "torque_feedback")
 LOOP_WARNING = 0.5
 TABLE_1, TABLE_2 = "Zhu, Table I", "Zhu, Table II"
-
-
-def _choice(name: str, meaning: str, choices: tuple[str, ...]) -> Parameter:
-    return Parameter(name, meaning, kind=str, choices=choices, change=Change.INACTIVE)
-
-
-def _switch(name: str, meaning: str, change: Change = Change.HOT) -> Parameter:
-    return Parameter(name, meaning, kind=bool, change=change)
-
-
-def _joint(
-    name: str,
-    meaning: str,
-    unit: str,
-    symbol: str,
-    source: str = TABLE_2,
-    low: float = 0.0,
-    *,
-    above: bool = True,
-    change: Change = Change.INACTIVE,
-) -> Parameter:
-    return Parameter(
-        name, meaning, unit, shape=Shape.PER_JOINT, low=low, open_low=above, symbol=symbol, source=source, change=change
-    )
-
-
-def _gain(name: str, meaning: str, unit: str, symbol: str, *, above: bool = True) -> Parameter:
-    return _joint(name, meaning, unit, symbol, above=above, change=Change.HOT)
-
-
-def _load(name: str, meaning: str, unit: str, symbol: str) -> Parameter:
-    return _joint(name, meaning, unit, symbol, "chosen", above=False, change=Change.HOT)
-
-
-def _bounds(name: str, unit: str, symbol: str, starts: tuple[str, ...], low: float = -math.inf) -> list[Parameter]:
-    above, source = low == 0.0, "Zhu: 0, or identified"
-    limits = [
-        _joint(
-            f"{name}_{end}",
-            f"{end} bound of the estimate",
-            unit,
-            symbol + sign,
-            low=low,
-            above=above,
-            change=Change.HOT,
-        )
-        for end, sign in (("low", "-"), ("high", "+"))
-    ]
-    return limits + [
-        _joint(
-            f"{start}_initial",
-            "estimate at the start; a live change moves the estimate there",
-            unit,
-            f"{symbol}(0)",
-            source,
-            low,
-            above=False,
-            change=Change.HOT,
-        )
-        for start in starts
-    ]
-
-
-def _harmonics(kind: str, letter: str) -> list[Parameter]:
-    return [
-        Parameter(
-            f"kinematic_{kind}_{n}",
-            f"kinematic error, {kind} of {n} rotor angles",
-            "rad",
-            shape=Shape.PER_JOINT,
-            low=-0.1,
-            high=0.1,
-            symbol=f"{letter}_{n}",
-            source="identified",
-            change=Change.HOT,
-        )  # fmt: skip
-        for n in range(1, HARMONICS + 1)
-    ]
+FIELDS, ALLOWED = _laws.BLOCKS["TorqueParams"], _laws.ALLOWED["TorqueParams"]
+HARMONICS = next(per_joint for name, per_joint, _, _ in FIELDS if name == "kinematic_cosine")
+LAWS = (*ALLOWED["law"][4], "integral_manifold", "torque_feedback")
+"""The laws of this block, and those that have a block of their own."""
 
 
 def loop_gains(values: Mapping[str, Any]) -> list[float]:
@@ -133,6 +55,8 @@ _STARTS = {
     "viscous": ("viscous_positive", "viscous_negative"),
     "torsional_compliance": ("torsional_compliance",),
 }
+"""Bounded estimate -> the estimates that share its bounds."""
+_SYMBOLS = {"coulomb_torque": "θ_1", "friction_offset": "θ_2", "viscous": "θ_3,4", "torsional_compliance": "ζ"}
 
 
 def _bounds_rule(values: Mapping[str, Any]) -> list[str]:
@@ -183,19 +107,47 @@ def _subset_rule(values: Mapping[str, Any]) -> list[str]:
     return found
 
 
+_HOT: Mapping[str, Any] = {"change": Change.HOT}
+_GAIN: Mapping[str, Any] = {"change": Change.HOT, "source": TABLE_2}
+_START: Mapping[str, Any] = {"change": Change.HOT, "source": "Zhu: 0, or identified"}
+_MORE: Mapping[str, Mapping[str, Any]] = {
+    "law": {"choices": LAWS},
+    "kinematic_feedforward": _HOT,
+    "adapt_friction": _HOT,
+    "adapt_compliance": _HOT,
+    "derivative_cutoff": {"symbol": "ω", "source": "Zhu, section V"},
+    "gear_ratio": {"symbol": "N", "source": TABLE_1},
+    "damping_time": {"symbol": "d", "source": TABLE_2},
+    "rotor_inertia": {"symbol": "I*", "source": TABLE_2},
+    "motor_position_gain": {"symbol": "λ_φ", **_GAIN},
+    "torque_rate_gain": {"symbol": "λ_τ", **_GAIN},
+    "motor_velocity_gain": {"symbol": "k_φ", **_GAIN},
+    "torque_gain": {"symbol": "k_τ", **_GAIN},
+    "load_friction_linear": {"symbol": "g_1", "source": "chosen", **_HOT},
+    "load_friction_quadratic": {"symbol": "g_2", "source": "chosen", **_HOT},
+    "adaptation_gain_coulomb": {"symbol": "ρ_1", **_GAIN},
+    "adaptation_gain_offset": {"symbol": "ρ_2", **_GAIN},
+    "adaptation_gain_viscous": {"symbol": "ρ_3 = ρ_4", **_GAIN},
+    "adaptation_gain_compliance": {"symbol": "ρ_ζ", **_GAIN},
+    **{
+        f"{name}_{end}": {"symbol": _SYMBOLS[name] + sign, **_GAIN}
+        for name in _STARTS
+        for end, sign in (("low", "-"), ("high", "+"))
+    },
+    **{f"{start}_initial": {"symbol": f"{_SYMBOLS[name]}(0)", **_START} for name in _STARTS for start in _STARTS[name]},
+    "motor_torque_limit": {"symbol": "u_max", "source": "chosen"},
+    "kinematic_cosine": {"symbol": "a_n", "source": "identified", **_HOT},
+    "kinematic_sine": {"symbol": "b_n", "source": "identified", **_HOT},
+}
+_STIFFNESS = [field for field in _laws.BLOCKS["FeedbackParams"] if field[0] == "torsional_stiffness"]
+
 PARAMETERS = ParameterSet(
     "torque law",
     (
-        Parameter("joint_names", "joints, in the order of every list", kind=str, shape=Shape.LIST, change=Change.FIXED),
+        JOINT_NAMES,
         Parameter("joints", "joints to control; none named: all", kind=str, shape=Shape.LIST, change=Change.FIXED),
-        _choice(
-            "law", "adaptive joint torque control, required torque sent to the motor as it is, or another law", LAWS
-        ),
-        _choice("compliance_derivative", "derivatives of the wanted torsion", COMPLIANCE_DERIVATIVES),
-        _choice("rate_source", "rates from the measurements, or from the tracking error", RATE_SOURCES),
-        _switch("kinematic_feedforward", "take the known kinematic error off the wanted rotor motion"),
-        _switch("adapt_friction", "friction estimates follow the error"),
-        _switch("adapt_compliance", "the compliance estimate follows the error"),
+        *parameters_of(FIELDS, ALLOWED, _MORE),
+        # Of no field of this law: a factor on three gains, and what its rules compare with.
         Parameter(
             "adaptation_scale",
             "factor on Coulomb, viscous, compliance gains",
@@ -203,40 +155,10 @@ PARAMETERS = ParameterSet(
             high=10.0,
             change=Change.HOT,
             source="chosen",
-        ),  # fmt: skip
-        Parameter(
-            "derivative_cutoff",
-            "cut-off of the derivative filter D",
-            "rad/s",
-            low=0.0,
-            open_low=True,
-            high=1e5,
-            symbol="ω",
-            source="Zhu, section V",
-        ),  # fmt: skip
-        _joint("gear_ratio", "rotor turns per joint turn", "-", "N", TABLE_1),
-        _joint(
-            "torsional_stiffness", "stiffness of the drive, for the rules", "N m/rad", "k_f", TABLE_1, change=Change.HOT
         ),
-        _joint("damping_time", "flexspline damping over stiffness", "s", "d", above=False),
-        _joint("rotor_inertia", "rotor inertia, output side", "kg m^2", "I*"),
-        _gain("motor_position_gain", "motor position error to velocity", "1/s", "λ_φ"),
-        _gain("torque_rate_gain", "joint torque error to velocity", "1/(N m s)", "λ_τ"),
-        _gain("motor_velocity_gain", "velocity error to torque", "N m s", "k_φ"),
-        _gain("torque_gain", "joint torque error to torque", "-", "k_τ", above=False),
-        _load("load_friction_linear", "growth of Coulomb friction with load", "1/(N m)", "g_1"),
-        _load("load_friction_quadratic", "growth with load squared", "1/(N m)^2", "g_2"),
-        _gain("adaptation_gain_coulomb", "speed of the Coulomb estimate", "N m", "ρ_1", above=False),
-        _gain("adaptation_gain_offset", "speed of the offset estimate", "N m", "ρ_2", above=False),
-        _gain("adaptation_gain_viscous", "speed of both viscous estimates", "N m s^2", "ρ_3 = ρ_4", above=False),
-        _gain("adaptation_gain_compliance", "speed of the compliance estimate", "1/(N m)^2", "ρ_ζ", above=False),
-        *_bounds("coulomb_torque", "N m", "θ_1", _STARTS["coulomb_torque"]),
-        *_bounds("friction_offset", "N m", "θ_2", _STARTS["friction_offset"]),
-        *_bounds("viscous", "N m s", "θ_3,4", _STARTS["viscous"]),
-        *_bounds("torsional_compliance", "rad/(N m)", "ζ", _STARTS["torsional_compliance"], low=0.0),
-        _joint("motor_torque_limit", "largest motor torque, output side", "N m", "u_max", "chosen"),
-        *_harmonics("cosine", "a"),
-        *_harmonics("sine", "b"),
+        *parameters_of(
+            _STIFFNESS, _laws.ALLOWED["FeedbackParams"], {}, symbol="k_f", source=TABLE_1, change=Change.HOT
+        ),
     ),
     (_loop_rule, _bounds_rule, _compliance_rule, _literal_rule, _subset_rule),
 )

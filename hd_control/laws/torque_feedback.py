@@ -16,72 +16,36 @@ from typing import Any
 from hd_control import _laws
 from hd_control.core.blocks import Block, Layout, layout_of
 from hd_control.core.errors import ConfigError
-from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
-from hd_control.laws import torque_adaptive
-from hd_control.laws.integral_manifold import LINK_INERTIA
+from hd_control.core.parameters import JOINT_NAMES, Change, ParameterSet, field_numbers, parameters_of
+from hd_control.laws import integral_manifold, torque_adaptive
 
-SHARED = ("joint_names", "torsional_stiffness", "rotor_inertia", "motor_torque_limit")
+FIELDS, ALLOWED = _laws.BLOCKS["FeedbackParams"], _laws.ALLOWED["FeedbackParams"]
 SECTION_4 = "Hashimoto, section IV"
+_MORE: Mapping[str, Mapping[str, Any]] = {
+    "setpoint_kick": {"source": ""},
+    "torque_rate_cutoff": {"change": Change.INACTIVE},
+    "feedback_proportional": {"symbol": "K_p", "source": SECTION_4},
+    "feedback_rate": {"symbol": "K_d", "source": SECTION_4},
+    "feedback_integral": {"symbol": "K_i"},
+}
+_READ = parameters_of(FIELDS, ALLOWED, _MORE, source="chosen", change=Change.HOT)
+_OTHERS = {p.name: p for p in (*torque_adaptive.PARAMETERS.parameters, *integral_manifold.OWN)}
+OWN = tuple(parameter for parameter in _READ if parameter.name not in _OTHERS)
+"""What no other torque law has; the others are the same parameters of the node."""
 
 
-def _joint(
-    name: str, meaning: str, unit: str, symbol: str = "", source: str = "chosen", *, above: bool = False
-) -> Parameter:
-    return Parameter(
-        name,
-        meaning,
-        unit,
-        shape=Shape.PER_JOINT,
-        low=0.0,
-        open_low=above,
-        symbol=symbol,
-        source=source,
-        change=Change.HOT,
-    )
-
-
-OWN = (
-    Parameter("setpoint_kick", "rates of the required torque by difference", kind=bool, change=Change.HOT),
-    Parameter(
-        "torque_rate_cutoff",
-        "cut-off of the filter on the joint torque's rate",
-        "rad/s",
-        low=0.0,
-        open_low=True,
-        high=1e5,
-        source="chosen",
-    ),
-    _joint("feedback_proportional", "torque error to torque acceleration", "1/s^2", "K_p", SECTION_4),
-    _joint("feedback_rate", "torque rate error to torque acceleration", "1/s", "K_d", SECTION_4),
-    _joint("feedback_integral", "integral of the torque error; 0 in the paper", "1/s^3", "K_i"),
-    _joint("feedback_integral_limit", "largest integral term", "N m"),
-    _joint("feedback_friction", "Coulomb friction fed forward, output side", "N m"),
-    _joint("feedback_friction_rate", "rate at which tanh feeds 76 % forward", "N m/s", above=True),
-)
-
-
-def _cutoff(values: Mapping[str, Any], dt: float) -> float:
+def _check_cutoff(values: Mapping[str, Any], dt: float) -> None:
     cutoff = float(values["torque_rate_cutoff"])
     if not cutoff < math.pi / dt:
         raise ConfigError(
             f"torque-feedback law: torque_rate_cutoff {cutoff:g} rad/s is not below {math.pi / dt:g} rad/s, "
             "half the sample rate"
         )
-    return cutoff
 
 
 PARAMETERS = ParameterSet(
-    "torque-feedback law",
-    (*(torque_adaptive.PARAMETERS[name] for name in SHARED), LINK_INERTIA, *OWN),
+    "torque-feedback law", (JOINT_NAMES, *(_OTHERS[p.name] for p in _READ if p.name in _OTHERS), *OWN)
 )
-_NAMES = {
-    "proportional_gain": "feedback_proportional",
-    "rate_gain": "feedback_rate",
-    "integral_gain": "feedback_integral",
-    "integral_limit": "feedback_integral_limit",
-    "friction_torque": "feedback_friction",
-    "friction_rate": "feedback_friction_rate",
-}
 
 
 @lru_cache
@@ -95,11 +59,8 @@ def configure(values: Mapping[str, Any], robot: object, dt: float) -> Block:
     own = {name: values[name] for name in PARAMETERS.names if name in values}
     joints = len(own.get("joint_names", ()))
     PARAMETERS.check(own, joints)
-    numbers: dict[str, Any] = {name: own[name] for name in layout("FeedbackParams", 1).slices if name in own}
-    numbers |= {field: own[name] for field, name in _NAMES.items()}
-    numbers["setpoint_kick"] = float(own["setpoint_kick"])
-    numbers["rate_pole"] = _laws.derivative_pole(_cutoff(own, dt), dt)
-    return layout("FeedbackParams", joints).pack(numbers)
+    _check_cutoff(own, dt)
+    return layout("FeedbackParams", joints).pack(field_numbers(FIELDS, ALLOWED, own))
 
 
 def new_sample(joints: int) -> Block:

@@ -26,7 +26,7 @@ from hd_control.papers.zhu_table import JOINTS, PAPER, chosen, describe, experim
 # ---- The ideal drive -------------------------------------------------------------------------------
 #
 # The drive is the paper's own, (1)-(4): no kinematic error, no hysteresis, no sensors' counts; the law differentiates
-# without filter (`derivative_pole` 0) in steps of 20 us, so that it is close to the continuous one of the proof.
+# without filter (infinite cut-off) in steps of 20 us, so that it is close to the continuous one of the proof.
 # Letters inside formulas are the paper's; e = phi_d - phi, s = phi_r' - phi'.
 
 
@@ -57,7 +57,7 @@ def law_of(step: float, rate_gain: float | None = None) -> Block:
     values = setup_of(IDEAL_CASE).node_values("torque_node")
     values |= {"compliance_derivative": "literal", "derivative_cutoff": 1.0 / step, "motor_torque_limit": [UNLIMITED]}
     params = torque.configure(values, None, step)
-    params.derivative_pole = 0.0
+    params.derivative_cutoff = math.inf
     if rate_gain is not None:
         params.torque_rate_gain = rate_gain
     return params

@@ -11,7 +11,7 @@ import numpy as np
 
 from hd_control import _laws
 from hd_control.core.blocks import Block, Layout, layout_of
-from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
+from hd_control.core.parameters import JOINT_NAMES, Change, Parameter, ParameterSet, Shape, parameters_of
 from hd_control.core.resources import find_config
 from hd_control.core.strict_yaml import load_params_file
 
@@ -24,16 +24,16 @@ def _samples(name: str, meaning: str) -> Parameter:
     return Parameter(name, meaning, "samples", int, low=1, high=10**6)
 
 
+_NAMES: Mapping[str, Mapping[str, Any]] = {
+    "age_limit": {"name": "age_limit_samples"},
+    "torque_limit": {"name": "motor_torque_limit", "symbol": "u_max"},
+}
 GATE_PARAMETERS = ParameterSet(
     "safety gate",
     (
-        Parameter("joint_names", "joints, in the order of every list", kind=str, shape=Shape.LIST, change=Change.FIXED),
-        _per_joint("motor_torque_limit", "largest motor torque, output side", "N m", "u_max"),
+        JOINT_NAMES,
+        *parameters_of(_laws.BLOCKS["GateLimits"], _laws.ALLOWED["GateLimits"], _NAMES, ("torque_step",)),
         _per_joint("motor_torque_rate_limit", "largest rate of the motor torque", "N m/s", "u'_max"),
-        Parameter("age_limit_samples", "inputs of this age stop the robot", "samples", int, low=1, high=1000),
-        Parameter("rate_excess_limit", "rate excesses in a row that stop the robot", "samples", int, low=1, high=1000),
-        Parameter("reset_samples", "healthy samples in a row before a reset", "samples", int, low=2, high=10**6),
-        Parameter("standstill_velocity", "a faster joint refuses a reset", "rad/s", low=0.0, high=0.1, open_low=True),
     ),
 )
 

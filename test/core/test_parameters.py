@@ -8,7 +8,7 @@ import pytest
 
 from hd_control.core.blocks import layout_of
 from hd_control.core.errors import ConfigError
-from hd_control.core.parameters import Parameter, ParameterSet, Shape
+from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape, field_numbers, parameters_of
 
 GAINS = ParameterSet(
     "node",
@@ -84,3 +84,50 @@ def test_block_refuses_unknown_fields_and_copies_independently():
     other.position[0] = 9.0
     assert block.position[0] == 1.0
     np.testing.assert_array_equal(copy.deepcopy(block).array, block.array)
+
+
+LAW = [
+    ("mode", 0, "-", "which of two"),
+    ("on", 0, "-", "switch"),
+    ("count", 0, "samples", "how many"),
+    ("gain", 1, "1/s", "error to rate"),
+    ("wave", 2, "rad", "factor of cos n theta in rad"),
+    ("pole", 0, "-", "computed"),
+]
+ALLOWED = {
+    "mode": ("word", 0.0, math.inf, False, ("slow", "fast")),
+    "on": ("truth", 0.0, 1.0, False, ()),
+    "count": ("whole", 1.0, 9.0, False, ()),
+    "gain": ("number", 0.0, math.inf, True, ()),
+    "wave": ("number", -0.1, 0.1, False, ()),
+}
+
+
+def test_the_fields_of_a_block_become_parameters():
+    more = {"wave": {"symbol": "a_n"}, "gain": {"symbol": "k", "change": Change.HOT}}
+    found = parameters_of(LAW, ALLOWED, more, without=("pole",), source="chosen")
+    assert found == (
+        Parameter("mode", "which of two", kind=str, choices=("slow", "fast"), source="chosen"),
+        Parameter("on", "switch", kind=bool, source="chosen"),
+        Parameter("count", "how many", "samples", kind=int, low=1, high=9, source="chosen"),
+        Parameter("gain", "error to rate", "1/s", shape=Shape.PER_JOINT, low=0.0, open_low=True, symbol="k",
+                  source="chosen", change=Change.HOT),
+        Parameter("wave_1", "factor of cos 1 theta in rad", "rad", shape=Shape.PER_JOINT, low=-0.1, high=0.1,
+                  symbol="a_1", source="chosen"),
+        Parameter("wave_2", "factor of cos 2 theta in rad", "rad", shape=Shape.PER_JOINT, low=-0.1, high=0.1,
+                  symbol="a_2", source="chosen"),
+    )  # fmt: skip
+    assert isinstance(found[2].low, int)
+
+
+@pytest.mark.parametrize("stranger", [{"more": {"gian": {}}}, {"more": {}, "without": ("pool",)}])
+def test_what_is_said_of_no_field_is_refused(stranger):
+    with pytest.raises(ValueError, match="has no field (gian|pool)"):
+        parameters_of(LAW, ALLOWED, **stranger)
+
+
+def test_values_of_parameters_become_numbers_of_the_fields():
+    values = {"mode": "fast", "on": True, "count": 3, "gain": [1.0, 2.0], "wave_1": [5.0, 6.0], "wave_2": [7.0, 8.0]}
+    block = layout_of("Law", LAW, 2).pack(field_numbers(LAW, ALLOWED, values) | {"pole": 0.8})
+    np.testing.assert_array_equal(block.array, [1, 1, 3, 1, 2, 5, 7, 6, 8, 0.8])
+    assert "pole" not in field_numbers(LAW, ALLOWED, values)
