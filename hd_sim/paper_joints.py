@@ -45,11 +45,6 @@ class GearJoint:
         self._joint.advance(motor_torque, dt, steps)
 
     @property
-    def hysteresis_torque(self) -> float:
-        """q of the paper, N m."""
-        return self._joint.hysteresis
-
-    @property
     def wind_up(self) -> float:
         """theta of the paper, rad: minus the torsion."""
         return self._joint.wind_up
@@ -77,11 +72,6 @@ class OneLinkArm:
     def advance(self, motor_torque: float, dt: float, steps: int = 1) -> None:
         """`steps` of `dt` s with the motor torque (N m, output side) held."""
         self._arm.advance(motor_torque, dt, steps)
-
-    @property
-    def bristle(self) -> float:
-        """Deflection of the friction's bristle, rad."""
-        return self._arm.bristle
 
 
 # ---- Strain gauges ---------------------------------------------------------------------------------

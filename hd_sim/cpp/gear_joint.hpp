@@ -58,7 +58,6 @@ class GearJoint {
 
     const GearMotion& motion() const { return now_; }
     double time() const { return static_cast<double>(count_) * dt_; }
-    double hysteresis() const { return hysteresis_; }
     double wind_up() const { return wind_; }
     double spring_torque() const { return spring(wind_) + hysteresis_; }
 

@@ -85,7 +85,6 @@ PYBIND11_MODULE(_single_joints, module) {
              py::arg("params"), py::arg("gear_ratio"))
         .def("advance", &GearJointFace::advance, py::arg("motor_torque"), py::arg("dt"), py::arg("steps"))
         .def_readonly("measured", &GearJointFace::measured)
-        .def_property_readonly("hysteresis", [](const GearJointFace& face) { return face.joint.hysteresis(); })
         .def_property_readonly("wind_up", [](const GearJointFace& face) { return face.joint.wind_up(); });
     py::class_<OneLinkFace>(module, "OneLinkArm", "One-link arm with bristle friction; `measured` is a view.")
         .def(py::init([](const std::vector<double>& params) {
@@ -93,6 +92,5 @@ PYBIND11_MODULE(_single_joints, module) {
              }),
              py::arg("params"))
         .def("advance", &OneLinkFace::advance, py::arg("motor_torque"), py::arg("dt"), py::arg("steps"))
-        .def_readonly("measured", &OneLinkFace::measured)
-        .def_property_readonly("bristle", [](const OneLinkFace& face) { return face.arm.bristle; });
+        .def_readonly("measured", &OneLinkFace::measured);
 }
