@@ -22,47 +22,47 @@
 
 namespace hd {
 
-#define HD_GUARD_STATE(FIELD)                                                                        \
-    FIELD(controlled, 0, "-", "1: a controlled stop runs or holds")                                  \
-    FIELD(emitting, 0, "-", "1: the law's torque leaves")                                            \
-    FIELD(healthy, 0, "samples", "samples in a row without a fault that stops")                      \
-    FIELD(mean_torque, 1, "N m", "mean of the torque that left, over about 50 samples")              \
+#define HD_GUARD_STATE(FIELD)                                                           \
+    FIELD(controlled, 0, "-", "1: a controlled stop runs or holds")                     \
+    FIELD(emitting, 0, "-", "1: the law's torque leaves")                               \
+    FIELD(healthy, 0, "samples", "samples in a row without a fault that stops")         \
+    FIELD(mean_torque, 1, "N m", "mean of the torque that left, over about 50 samples") \
     FIELD(last_tick, 1, "-", "tick of the last command looked at")
 
-#define HD_STOP_STATE(FIELD)                                              \
-    FIELD(elapsed, 0, "samples", "samples since the stop began")          \
-    FIELD(hold_torque, 1, "N m", "mean torque before the stop")           \
-    FIELD(reference_position, 1, "rad", "x_r")                            \
-    FIELD(reference_velocity, 1, "rad/s", "v_r")                          \
+#define HD_STOP_STATE(FIELD)                                     \
+    FIELD(elapsed, 0, "samples", "samples since the stop began") \
+    FIELD(hold_torque, 1, "N m", "mean torque before the stop")  \
+    FIELD(reference_position, 1, "rad", "x_r")                   \
+    FIELD(reference_velocity, 1, "rad/s", "v_r")                 \
     FIELD(first_speed, 1, "rad/s", "speed when the stop began")
 
-#define HD_GUARD_MEASURED(FIELD)              \
-    FIELD(motor_position, 1, "rad", "phi")    \
+#define HD_GUARD_MEASURED(FIELD)                \
+    FIELD(motor_position, 1, "rad", "phi")      \
     FIELD(motor_velocity, 1, "rad/s", "D(phi)") \
-    FIELD(joint_position, 1, "rad", "q")      \
+    FIELD(joint_position, 1, "rad", "q")        \
     FIELD(joint_velocity, 1, "rad/s", "D(q)")
 
-#define HD_GUARD_LIMITS(FIELD)                                                                              \
-    FIELD(degrade_gap_samples, 0, "samples", "lost ticks in a row that freeze the adaptation")              \
-    FIELD(recover_samples, 0, "samples", "healthy samples in a row that end it")                            \
-    FIELD(brake_samples, 0, "samples", "longest hold of the drive side while the brakes close")             \
-    FIELD(rejected_samples, 0, "samples", "bad readings in a row that stop the robot")                      \
-    FIELD(disagree_samples, 0, "samples", "samples of disagreeing sensors that stop the robot")             \
-    FIELD(frozen_samples, 0, "samples", "equal readings in motion that stop the robot")                     \
-    FIELD(rail_degrade_samples, 0, "samples", "gauge readings at the rail that freeze the adaptation")      \
-    FIELD(rail_samples, 0, "samples", "gauge readings at the rail that stop the robot")                     \
-    FIELD(adaptation_time, 0, "s", "time at a bound before a growing error counts")                         \
-    FIELD(stop_deceleration, 1, "rad/s^2", "of a controlled stop")                                          \
-    FIELD(stop_damping, 1, "N m s/rad", "of a controlled stop, on the motor side")                          \
-    FIELD(stop_stiffness, 1, "N m/rad", "of the hold after a controlled stop, on the motor side")           \
-    FIELD(position_step_limit, 1, "rad", "largest jump of a position reading against its prediction")       \
-    FIELD(gauge_step_limit, 1, "N m", "largest jump of a gauge reading against its prediction")             \
-    FIELD(gauge_rail, 1, "N m", "a larger gauge reading is at its rail")                                    \
-    FIELD(twist_limit, 1, "rad", "largest difference of motor and joint position")                          \
-    FIELD(stuck_motion_limit, 1, "rad",                                                                     \
-          "motion that the others show while a position sensor repeats one reading")                        \
-    FIELD(residual_limit, 1, "N m", "largest mean residual of the three sensors over a motor turn")         \
-    FIELD(ripple_limit, 1, "N m", "largest 2 beta amplitude of that residual")
+#define HD_GUARD_LIMITS(FIELD)                                                                                        \
+    FIELD(degrade_gap_samples, 0, "samples", "lost ticks in a row that freeze the adaptation", whole(1, 1e6))         \
+    FIELD(recover_samples, 0, "samples", "healthy samples in a row that end it", whole(1, 1e6))                       \
+    FIELD(brake_samples, 0, "samples", "longest hold of the drive side while the brakes close", whole(1, 1e6))        \
+    FIELD(rejected_samples, 0, "samples", "bad readings in a row that stop the robot", whole(1, 1e6))                 \
+    FIELD(disagree_samples, 0, "samples", "samples of disagreeing sensors that stop the robot", whole(1, 1e6))        \
+    FIELD(frozen_samples, 0, "samples", "equal readings in motion that stop the robot", whole(1, 1e6))                \
+    FIELD(rail_degrade_samples, 0, "samples", "gauge readings at the rail that freeze the adaptation", whole(1, 1e6)) \
+    FIELD(rail_samples, 0, "samples", "gauge readings at the rail that stop the robot", whole(1, 1e6))                \
+    FIELD(adaptation_time, 0, "s", "time at a bound before a growing error counts", between(0.01, 1e3))               \
+    FIELD(stop_deceleration, 1, "rad/s^2", "of a controlled stop", above(0.0))                                        \
+    FIELD(stop_damping, 1, "N m s/rad", "of a controlled stop, on the motor side", above(0.0))                        \
+    FIELD(stop_stiffness, 1, "N m/rad", "of the hold after a controlled stop, on the motor side", above(0.0))         \
+    FIELD(position_step_limit, 1, "rad", "largest jump of a position reading against its prediction", above(0.0))     \
+    FIELD(gauge_step_limit, 1, "N m", "largest jump of a gauge reading against its prediction", above(0.0))           \
+    FIELD(gauge_rail, 1, "N m", "a larger gauge reading is at its rail", above(0.0))                                  \
+    FIELD(twist_limit, 1, "rad", "largest difference of motor and joint position", above(0.0))                        \
+    FIELD(stuck_motion_limit, 1, "rad", "motion that the others show while a position sensor repeats one reading",    \
+          above(0.0))                                                                                                 \
+    FIELD(residual_limit, 1, "N m", "largest mean residual of the three sensors over a motor turn", above(0.0))       \
+    FIELD(ripple_limit, 1, "N m", "largest 2 beta amplitude of that residual", above(0.0))
 
 HD_BLOCK(GuardState, HD_GUARD_STATE)
 HD_BLOCK(StopState, HD_STOP_STATE)
@@ -73,8 +73,8 @@ constexpr double kMeanSamples = 50.0;
 // rad/s; a joint that becomes faster than at the begin of the stop by more than this has left the stop. The filter of
 // the velocity lags by 5 ms, in which a wrong torque near the limit adds as much.
 constexpr double kSpeedMargin = 0.3;
-constexpr double kSpeedShare = 1.2;      // a joint faster than this share of its velocity limit is stopped
-constexpr double kOutwardSpeed = 0.05;   // rad/s; slower motion outside the envelope is noise, or the way back
+constexpr double kSpeedShare = 1.2;     // a joint faster than this share of its velocity limit is stopped
+constexpr double kOutwardSpeed = 0.05;  // rad/s; slower motion outside the envelope is noise, or the way back
 
 // One row of a refused reset; Python makes the words.
 enum RefusalKind { kNotHealthy = 1, kMoves = 2, kRampRuns = 3, kGoalActive = 4, kReferenceAway = 5 };
@@ -226,9 +226,9 @@ class Guard {
 
     bool quiet(const double* command, const double* ages, const double* ticks) const {
         const double* bound = bounds_.data();
-        const GuardLook what{command,  ages,         ticks,         state.last_tick,     seen.joint_position,
-                             seen.joint_velocity,  bound,         bound + n,           bound + 2 * n,
-                             twice_.data(),        limits.age_limit[0], kLargestTick};
+        const GuardLook what{
+            command, ages,      ticks,         state.last_tick, seen.joint_position, seen.joint_velocity,
+            bound,   bound + n, bound + 2 * n, twice_.data(),   limits.age_limit[0], kLargestTick};
         return guard_is_quiet(what, n);
     }
 
@@ -326,8 +326,7 @@ class Guard {
             const double step = guard_limits.stop_deceleration[j] * dt;
             stop.reference_velocity[j] = std::copysign(std::fmax(std::fabs(before) - step, 0.0), before);
             stop.reference_position[j] = stop.reference_position[j] + stop.reference_velocity[j] * dt;
-            const double damping =
-                guard_limits.stop_damping[j] * (seen.motor_velocity[j] - stop.reference_velocity[j]);
+            const double damping = guard_limits.stop_damping[j] * (seen.motor_velocity[j] - stop.reference_velocity[j]);
             torque[j] = stop.hold_torque[j] - damping -
                         guard_limits.stop_stiffness[j] * (seen.motor_position[j] - stop.reference_position[j]);
         }
@@ -354,8 +353,7 @@ class Guard {
     }
 
     // The gate; a stop that the gate itself wants becomes a controlled one while that is possible.
-    void through_or_stop(const double* command, const double* ages, const double* ticks, double* out,
-                         FaultRows& said) {
+    void through_or_stop(const double* command, const double* ages, const double* ticks, double* out, FaultRows& said) {
         std::copy(gate_state.begin(), gate_state.end(), gate_before_.begin());
         const double controlled_before = state.controlled[0];
         through(command, ages, ticks, out, said);
@@ -407,15 +405,15 @@ constexpr double kDegradeGrowth = 2.0, kStopGrowth = 4.0;
 constexpr double kSmallestError = 0.01;  // rad; a smaller tracking error is no reason to act, however it grew
 constexpr double kErrorSamples = 10.0;
 
-#define HD_ADAPTATION_WATCH(FIELD)                                                   \
-    FIELD(error, 1, "rad", "mean tracking error over about 10 looks")               \
-    FIELD(time_at_bound, 1, "s", "since an estimate of the joint is at its bound")   \
+#define HD_ADAPTATION_WATCH(FIELD)                                                 \
+    FIELD(error, 1, "rad", "mean tracking error over about 10 looks")              \
+    FIELD(time_at_bound, 1, "s", "since an estimate of the joint is at its bound") \
     FIELD(error_at_bound, 1, "rad", "error when that began")
 
 HD_BLOCK(AdaptationWatch, HD_ADAPTATION_WATCH)
 
-// F01: what `gap` lost ticks before this one demand. `level` is what was lost and is not forgiven yet: ten lost in a row
-// stop the robot, and so does every second one lost for 25 ticks.
+// F01: what `gap` lost ticks before this one demand. `level` is what was lost and is not forgiven yet: ten lost in a
+// row stop the robot, and so does every second one lost for 25 ticks.
 inline double lost_ticks(double gap, double level, const GateLimits& gate, const GuardLimits& limits,
                          FaultRows& faults) {
     level = level > kForgiven ? level - kForgiven : 0.0;

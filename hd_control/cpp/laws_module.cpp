@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "fusion.hpp"
+#include "guard.hpp"
 #include "integral_manifold.hpp"
 #include "motion.hpp"
 #include "safety.hpp"
@@ -367,9 +368,9 @@ PYBIND11_MODULE(_laws, module) {
         field_lists<FusionParams, FusionSample, FusionState, FusionOutput, MotionParams, MotionState, MotionSample,
                     MotionReference, MotionOutput, TorqueParams, TorqueSample, TorqueReference, TorqueState,
                     TorqueOutput, ManifoldParams, ManifoldReference, ManifoldState, ManifoldOutput, FeedbackParams,
-                    FeedbackReference, FeedbackState, FeedbackOutput, GateLimits, GateState>();
-    module.attr("ALLOWED") =
-        allowed_values<FusionParams, MotionParams, TorqueParams, ManifoldParams, FeedbackParams, GateLimits>();
+                    FeedbackReference, FeedbackState, FeedbackOutput, GateLimits, GateState, GuardLimits>();
+    module.attr("ALLOWED") = allowed_values<FusionParams, MotionParams, TorqueParams, ManifoldParams, FeedbackParams,
+                                            GateLimits, GuardLimits>();
     define_laws(module);
     define_arm(module);
     define_safety(module);

@@ -16,14 +16,6 @@ from hd_control.core.resources import find_config
 from hd_control.core.strict_yaml import load_params_file
 
 
-def _per_joint(name: str, meaning: str, unit: str, symbol: str = "") -> Parameter:
-    return Parameter(name, meaning, unit, shape=Shape.PER_JOINT, low=0.0, open_low=True, symbol=symbol)
-
-
-def _samples(name: str, meaning: str) -> Parameter:
-    return Parameter(name, meaning, "samples", int, low=1, high=10**6)
-
-
 _NAMES: Mapping[str, Mapping[str, Any]] = {
     "age_limit": {"name": "age_limit_samples"},
     "torque_limit": {"name": "motor_torque_limit", "symbol": "u_max"},
@@ -33,7 +25,15 @@ GATE_PARAMETERS = ParameterSet(
     (
         JOINT_NAMES,
         *parameters_of(_laws.BLOCKS["GateLimits"], _laws.ALLOWED["GateLimits"], _NAMES, ("torque_step",)),
-        _per_joint("motor_torque_rate_limit", "largest rate of the motor torque", "N m/s", "u'_max"),
+        Parameter(  # gives torque_step
+            "motor_torque_rate_limit",
+            "largest rate of the motor torque",
+            "N m/s",
+            shape=Shape.PER_JOINT,
+            low=0.0,
+            open_low=True,
+            symbol="u'_max",
+        ),
     ),
 )
 
@@ -63,31 +63,10 @@ def configure_gate(values: Mapping[str, Any], dt: float) -> Block:
 
 GUARD_PARAMETERS = ParameterSet(
     "guard",
-    (
-        _samples("degrade_gap_samples", "lost ticks in a row that freeze the adaptation"),
-        _samples("recover_samples", "healthy samples in a row that end it"),
-        _samples("brake_samples", "longest hold of the drive side while the brakes close"),
-        _samples("rejected_samples", "bad readings in a row that stop the robot"),
-        _samples("disagree_samples", "samples of disagreeing sensors that stop the robot"),
-        _samples("frozen_samples", "equal readings in motion that stop the robot"),
-        _samples("rail_degrade_samples", "gauge readings at the rail that freeze the adaptation"),
-        _samples("rail_samples", "gauge readings at the rail that stop the robot"),
-        Parameter("adaptation_time", "time at a bound before a growing error counts", "s", low=0.01, high=1e3),
-        _per_joint("stop_deceleration", "of a controlled stop", "rad/s^2", "a_brake"),
-        _per_joint("stop_damping", "of a controlled stop, on the motor side", "N m s/rad"),
-        _per_joint("stop_stiffness", "of the hold after a controlled stop, on the motor side", "N m/rad"),
-        _per_joint("position_step_limit", "largest jump of a position reading against its prediction", "rad"),
-        _per_joint("gauge_step_limit", "largest jump of a gauge reading against its prediction", "N m"),
-        _per_joint("gauge_rail", "a larger gauge reading is at its rail", "N m"),
-        _per_joint("twist_limit", "largest difference of motor and joint position", "rad"),
-        _per_joint(
-            "stuck_motion_limit", "motion that the others show while a position sensor repeats one reading", "rad"
-        ),
-        _per_joint("residual_limit", "largest mean residual of the three sensors over a motor turn", "N m"),
-        _per_joint("ripple_limit", "largest 2 beta amplitude of that residual", "N m"),
+    parameters_of(
+        _laws.BLOCKS["GuardLimits"], _laws.ALLOWED["GuardLimits"], {"stop_deceleration": {"symbol": "a_brake"}}
     ),
 )
-_FIELDS = tuple((p.name, int(p.shape is Shape.PER_JOINT), p.unit, p.meaning) for p in GUARD_PARAMETERS.parameters)
 
 
 @dataclass(frozen=True)
@@ -106,7 +85,7 @@ class SafetyLimits:
 @lru_cache
 def guard_layout(joints: int) -> Layout:
     """Layout of the guard's limits."""
-    return layout_of("GuardLimits", _FIELDS, joints)
+    return layout_of("GuardLimits", _laws.BLOCKS["GuardLimits"], joints)
 
 
 def configure(values: Mapping[str, Any], dt: float) -> SafetyLimits:
