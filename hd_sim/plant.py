@@ -26,8 +26,6 @@ from hd_sim import _plant
 from hd_sim.plant_config import PlantConfig
 from hd_sim.sensors import noise_key
 
-__all__ = ["Plant", "PlantConfig", "PlantRecord"]
-
 
 @dataclass(frozen=True)
 class PlantRecord:

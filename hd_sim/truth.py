@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from hd_control.core.errors import ConfigError
 from hd_control.core.files import whole_file
-from hd_sim.hidden_effects import EFFECTS, OUTSIDE, VOCABULARY, Drive, sizes
+from hd_sim.hidden_effects import EFFECTS, OUTSIDE, Drive, sizes
 from hd_sim.plant_config import SETTINGS, PlantConfig
 from hd_sim.sensors import noise_key
 
@@ -104,18 +104,6 @@ def _number(value: Any, index: int) -> float:
 
 # ---- Hiding and sealing ----------------------------------------------------------------------------
 
-
-__all__ = [
-    "EFFECTS",
-    "OUTSIDE",
-    "VOCABULARY",
-    "HiddenEffect",
-    "apply_hidden",
-    "nominal",
-    "open_seal",
-    "truth_of",
-    "write_seal",
-]
 
 SCHEMA = "hd.seal/1"
 MAX_BYTES = 10_000_000

@@ -13,7 +13,8 @@ from hd_control.core.arrays import FloatArray
 from hd_control.core.blocks import Block
 from hd_control.safety.limits import SafetyLimits
 from hd_sim.drive_side import DriveSeam
-from hd_sim.plant import Plant, PlantConfig
+from hd_sim.plant import Plant
+from hd_sim.plant_config import PlantConfig
 
 _READINGS = {"motor_torque": "motor_torque_applied"}
 """Fields of the plant's sample block that are not named like the quantity of the topic."""

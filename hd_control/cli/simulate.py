@@ -53,8 +53,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _list(arguments: argparse.Namespace) -> int:
     from hd_control.cli.options import say, write_json
+    from hd_sim.hidden_effects import OUTSIDE, VOCABULARY
     from hd_sim.scenario import SCENARIOS
-    from hd_sim.truth import OUTSIDE, VOCABULARY
 
     for scenario in SCENARIOS.values():
         say(arguments, f"{scenario.name:24} {scenario.meaning}; plant {scenario.plant}")

@@ -106,10 +106,6 @@ Progress = Callable[[float, str], None]
 """Called with the share that is done, 0 to 1, and what is being done."""
 
 
-def silent(share: float, what: str) -> None:
-    """A Progress that says nothing."""
-
-
 @dataclass(frozen=True)
 class Row:
     """One figure: the paper's value, ours and what was promised, all in `unit`.

@@ -414,14 +414,6 @@ def encode_message(type_name: str, message: Any) -> bytes:
     return bytes(typestore().serialize_cdr(message, type_name))
 
 
-def decode_message(type_name: str, buffer: Buffer) -> Any:
-    """A rosbags message object from CDR bytes. Raises ValueError with the type for bytes that do not fit it."""
-    try:
-        return typestore().deserialize_cdr(bytes(buffer), type_name)
-    except Exception as error:  # the library leaks struct.error, UnicodeDecodeError, KeyError, …
-        raise ValueError(f"not a {type_name}: {type(error).__name__}: {error}") from None
-
-
 def message_class(type_name: str) -> Any:
     """The rosbags class of a type, to be filled and given to `encode_message`."""
     return typestore().types[type_name]

@@ -6,7 +6,8 @@ import pytest
 from hd_control.core.faults import FaultCode
 from hd_control.safety.limits import safety_limits
 from hd_sim.drive_side import ARMING_SAMPLES, DriveSeam
-from hd_sim.plant import Plant, PlantConfig
+from hd_sim.plant import Plant
+from hd_sim.plant_config import PlantConfig
 
 
 @pytest.fixture

@@ -7,7 +7,8 @@ import pytest
 from oracles.plant_runs import EnergyBook, arm_c, pinocchio_gravity, profile, start_on_spring
 
 from hd_control.bench.peers import SlowPlant
-from hd_sim.plant import Plant, PlantConfig
+from hd_sim.plant import Plant
+from hd_sim.plant_config import PlantConfig
 
 PROFILES = ("in_phase", "phased", "square")
 

@@ -7,7 +7,8 @@ from oracles.plant_runs import flywheel
 
 from hd_control.core.errors import ConfigError
 from hd_sim import _plant
-from hd_sim.plant import Plant, PlantConfig, make_kernel
+from hd_sim.plant import Plant, make_kernel
+from hd_sim.plant_config import PlantConfig
 
 ARMS = ("arm_a", "arm_b", "arm_c", "single_joint_3", "single_joint_5")
 GRAVITY = {

@@ -7,8 +7,8 @@ import pytest
 
 from hd_control.core.errors import ConfigError
 from hd_control.core.resources import config_path
-from hd_sim.plant import Plant, PlantConfig
-from hd_sim.plant_config import REQUIRED, SETTINGS
+from hd_sim.plant import Plant
+from hd_sim.plant_config import REQUIRED, SETTINGS, PlantConfig
 
 SHIPPED = sorted(path.stem for path in config_path("plant").glob("*.yaml") if "robot:" in path.read_text())
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from oracles.plant_runs import arm_c, flywheel, pinocchio_gravity, start_on_spring
 
-from hd_sim.plant import Plant, PlantConfig
+from hd_sim.plant import Plant
+from hd_sim.plant_config import PlantConfig
 
 
 @pytest.mark.parametrize("arm", ["arm_c", "arm_a"])

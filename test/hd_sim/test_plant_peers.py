@@ -9,8 +9,10 @@ from hypothesis import strategies as st
 from oracles.plant_runs import flywheel
 
 from hd_control.bench import peers
-from hd_sim.plant import Plant, PlantConfig
-from hd_sim.truth import EFFECTS, HiddenEffect, apply_hidden, nominal
+from hd_sim.hidden_effects import EFFECTS
+from hd_sim.plant import Plant
+from hd_sim.plant_config import PlantConfig
+from hd_sim.truth import HiddenEffect, apply_hidden, nominal
 
 
 def test_mujoco_moves_the_nominal_arm_the_same_way():

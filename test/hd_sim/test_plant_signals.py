@@ -7,7 +7,8 @@ import pytest
 from oracles.gauge_bridge import bridge_gain, bridge_output, gauge_strains, torsional_strain
 from oracles.plant_runs import flywheel
 
-from hd_sim.plant import Plant, PlantConfig
+from hd_sim.plant import Plant
+from hd_sim.plant_config import PlantConfig
 from hd_sim.sensors import misalignment_ripple, noise_key
 
 TURN = 2.0 * np.pi

@@ -10,19 +10,10 @@ from hypothesis import strategies as st
 from oracles.plant_runs import flywheel
 
 from hd_control.core.errors import ConfigError
-from hd_sim.plant import Plant, PlantConfig
-from hd_sim.plant_config import SETTINGS
-from hd_sim.truth import (
-    EFFECTS,
-    OUTSIDE,
-    VOCABULARY,
-    HiddenEffect,
-    apply_hidden,
-    nominal,
-    open_seal,
-    truth_of,
-    write_seal,
-)
+from hd_sim.hidden_effects import EFFECTS, OUTSIDE, VOCABULARY
+from hd_sim.plant import Plant
+from hd_sim.plant_config import SETTINGS, PlantConfig
+from hd_sim.truth import HiddenEffect, apply_hidden, nominal, open_seal, truth_of, write_seal
 
 MAY_BE_MISSING = """kinematic_error torsional_hysteresis nonlinear_stiffness backlash load_dependent_friction
 stribeck_friction asymmetric_friction quadratic_drag temperature_friction presliding motor_cogging torque_constant_error

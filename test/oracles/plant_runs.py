@@ -8,7 +8,8 @@ import numpy as np
 import pinocchio
 
 from hd_control.core.robot import Robot
-from hd_sim.plant import Plant, PlantConfig
+from hd_sim.plant import Plant
+from hd_sim.plant_config import PlantConfig
 
 ORDERS = np.arange(1, 5)
 

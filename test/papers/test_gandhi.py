@@ -5,12 +5,12 @@ import pytest
 
 from hd_control.papers import gandhi
 from hd_control.papers.gandhi_runs import Experiment, law_values, reference, run, turned
-from hd_control.papers.rows import document, load_constants, silent
+from hd_control.papers.rows import document, load_constants
 
 
 @pytest.fixture(scope="module")
 def quick():
-    return {row.id: row for row in gandhi.rows(True, 0, silent, seeds=1)}
+    return {row.id: row for row in gandhi.rows(True, 0, print, seeds=1)}
 
 
 def test_targets_are_met(quick):
@@ -100,6 +100,6 @@ def test_wrong_parameters_stay_within_their_share():
 
 
 def test_quick_figures_have_series():
-    for title, figure in gandhi.figures(True, 0, silent):
+    for title, figure in gandhi.figures(True, 0, print):
         assert title.startswith("Fig.") and len(figure.data) >= 3
         assert all(len(series.x) > 100 for series in figure.data)

@@ -9,7 +9,7 @@ from hd_control.laws.calibration import bridge_gain, misalignment_ripple
 from hd_control.papers import hashimoto
 from hd_control.papers import hashimoto_sensor as sensor
 from hd_control.papers.hashimoto_runs import TorqueExperiment, half_width, run, step_figures, wave_figures
-from hd_control.papers.rows import load_constants, silent
+from hd_control.papers.rows import load_constants
 
 CONTRACT = (
     "gauge_gain", "misalignment_2deg", "half_width", "rise_time", "steady_state_error", "20hz.amplitude",
@@ -19,7 +19,7 @@ CONTRACT = (
 
 @pytest.fixture(scope="module")
 def quick():
-    return {row.id: row for row in hashimoto.rows(True, 0, silent, seeds=1)}
+    return {row.id: row for row in hashimoto.rows(True, 0, print, seeds=1)}
 
 
 def test_every_target_is_met(quick):
@@ -109,5 +109,5 @@ def test_a_run_repeats_and_another_seed_differs():
 
 
 def test_quick_figures_have_series():
-    found = hashimoto.figures(True, 0, silent)
+    found = hashimoto.figures(True, 0, print)
     assert len(found) == 3 and all(len(figure.data) >= 4 for _, figure in found)

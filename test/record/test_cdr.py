@@ -103,7 +103,7 @@ def test_round_trip_is_exact(joint_names, stamp, fields, data):
     again = codec_of(topics.JOINT_STATE_TYPE, payload)
     assert again is not None and again.size == codec.size and again.fields == codec.fields
     assert list(again.joint_names) == joint_names
-    message = cdr.decode_message(topics.JOINT_STATE_TYPE, payload)
+    message = cdr.typestore().deserialize_cdr(payload, topics.JOINT_STATE_TYPE)
     assert list(message.name) == joint_names and message.header.frame_id == RUN
     assert cdr.encode_message(topics.JOINT_STATE_TYPE, message) == payload
 
@@ -173,8 +173,6 @@ def test_wrong_values_are_refused():
         codec.encode(1, RUN, position=np.zeros(6))
     with pytest.raises(ValueError, match="frame_id"):
         codec.encode(1, "short", position=np.zeros(7))
-    with pytest.raises(ValueError, match="String"):
-        cdr.decode_message("std_msgs/msg/String", b"\x00\x01\x00\x00\xff\xff\xff\x7f")
 
 
 def test_run_ids_have_the_fixed_length():
