@@ -149,7 +149,7 @@ def _names_rule(values: Mapping[str, Any]) -> list[str]:
 
 _GAIN: Mapping[str, Any] = {"source": TABLE_2, "change": Change.HOT}
 _MORE: Mapping[str, Mapping[str, Any]] = {
-    "derivative_cutoff": {"symbol": "omega", "source": "Zhu, section V"},
+    "derivative_cutoff": {"symbol": "ω", "source": "Zhu, section V"},
     "position_gain": {"symbol": "lambda", **_GAIN},
     "velocity_gain": {"symbol": "k_p", **_GAIN},
     "integral_gain": {"symbol": "k_I", **_GAIN},

@@ -15,7 +15,6 @@ from hd_control.core.parameters import JOINT_NAMES, Change, Parameter, Parameter
 from hd_control.core.resources import find_config
 from hd_control.core.strict_yaml import load_params_file
 
-
 _NAMES: Mapping[str, Mapping[str, Any]] = {
     "age_limit": {"name": "age_limit_samples"},
     "torque_limit": {"name": "motor_torque_limit", "symbol": "u_max"},
