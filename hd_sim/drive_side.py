@@ -18,55 +18,42 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hd_control.chain.black_box import span
 from hd_control.core.arrays import FloatArray
 from hd_control.core.blocks import Block
-from hd_control.core.faults import Action, Fault, FaultCode
-from hd_control.safety.guard import Guard
+from hd_control.core.faults import Fault
+from hd_control.safety.gate import faults_of
+from hd_control.safety.guard import Guard, envelope, refusals
 from hd_control.safety.limits import SafetyLimits
+from hd_sim import _drive_side
 
 if TYPE_CHECKING:
     from hd_sim.plant import Plant
 
 NEVER = -1
-ARMING_SAMPLES = 100
+ARMING_SAMPLES = int(_drive_side.ARMING_SAMPLES)
 """Healthy commands in a row before the drives obey: processes that have just started are slow at first."""
-LET_GO_SAMPLES = 3
-"""Commands of exactly zero in a row for a moving joint that close the brakes."""
-MOVING_SPEED = 0.05
-"""rad/s; above what the quantisation of a 16-bit joint sensor looks like."""
-VELOCITY_WEIGHT = 0.18
-"""Share of a new difference in the velocity: a low-pass of 200 rad/s at 1 kHz."""
 
 
-class DriveSeam:
-    """A plant behind its own guard. `limits` are those of all joints of the plant."""
+class DriveSide:
+    """A plant behind its own guard; the face of `cpp/drive_side.hpp`. `limits` are those of all joints of the plant."""
 
     def __init__(self, plant: Plant, limits: SafetyLimits) -> None:
-        self.plant = plant
-        self.limits = limits
+        self.plant, self.limits = plant, limits
         robot, period = plant.config.robot, plant.config.period
-        hold = int(limits.guard.brake_samples)
-        self.guard = Guard(limits, robot.position_low, robot.position_high, robot.velocity_limit, period, hold)
-        self._gear_ratio, self._rate = plant.config.drives["gear_ratio"], VELOCITY_WEIGHT / period
-        self._sensed = False
-        n, slices = limits.joints, plant.sample().layout.slices
-        self._places = np.r_[slices["motor_shaft_position"], slices["joint_position"]]
-        self.positions, self.velocities = np.zeros(2 * n), np.zeros(2 * n)
-        self._targets = [
-            (self.guard.measured.view(f"{side}_{what}"), values[part])
-            for what, values in (("position", self.positions), ("velocity", self.velocities))
-            for side, part in (("motor", slice(0, n)), ("joint", slice(n, None)))
-        ]
-        self._zero_run = np.zeros(limits.joints)
-        self.command = np.zeros(limits.joints)
-        self.command_tick = np.full(limits.joints, NEVER)
-        self.brake_closed = True
-        self._oldest = self._newest = NEVER
-        self._open = False
-        self.healthy = 0
-        self._ticks, self._no_age = np.zeros(limits.joints), np.zeros(limits.joints)
-        self.late = 0
-        self.stale = 0
+        slices = plant.state.layout.slices
+        low, high, speed = robot.position_low, robot.position_high, robot.velocity_limit
+        self.native = _drive_side.DriveSide(
+            plant.world(), limits.joints, plant.state.layout.size, period, limits.gate.array, limits.guard.array,
+            envelope(low, high, speed), np.ascontiguousarray(plant.config.drives["gear_ratio"], dtype=float),
+            slices["joint_position"].start, slices["joint_velocity"].start, *span(period),
+        )  # fmt: skip
+        self.guard = Guard(limits, low, high, speed, period, int(limits.guard.brake_samples), self.native.guard)
+        self.command: FloatArray = self.native.command
+        self.command_tick = self.native.command_tick
+        self.positions: FloatArray = self.native.positions
+        self.velocities: FloatArray = self.native.velocities
+        self.readings = Block(plant.sample().layout, self.native.readings)
         _park(plant)
 
     @property
@@ -77,90 +64,59 @@ class DriveSeam:
     @property
     def armed(self) -> bool:
         """True once the drives obey."""
-        return self._open
+        return bool(self.native.open)
+
+    @property
+    def brake_closed(self) -> bool:
+        """True while the brakes hold."""
+        return bool(self.native.brake_closed)
+
+    @property
+    def healthy(self) -> int:
+        """Healthy commands in a row before the drives are armed."""
+        return int(self.native.healthy)
+
+    @property
+    def late(self) -> int:
+        """Ticks for which an old command was held."""
+        return int(self.native.late)
+
+    @property
+    def stale(self) -> int:
+        """Commands that were not newer than the last and were dropped."""
+        return int(self.native.stale)
 
     def offer(self, joints: Sequence[int] | slice, torque: FloatArray, tick: int) -> None:
         """Takes a command for all joints (a slice) or some; one not newer than the last is dropped and counted."""
-        every = isinstance(joints, slice)
-        if (self._newest if every else self.command_tick[joints].max()) >= tick:
-            self.stale += 1
-            return
-        self.command[joints] = torque
-        self.command_tick[joints] = tick
-        self._oldest = tick if every else int(self.command_tick.min())
-        self._newest = max(self._newest, tick)
+        chosen = None if isinstance(joints, slice) else [int(joint) for joint in joints]
+        self.native.offer(chosen, np.ascontiguousarray(torque, dtype=float), tick)
 
     def complete(self, tick: int) -> bool:
         """True when every joint has its command of `tick`."""
-        return self._oldest >= tick
+        return bool(self.native.complete(tick))
 
     def latch(self, tick: int) -> tuple[FloatArray, list[Fault]]:
         """Gives the drives their torque for [tick, tick+1). Returns it, (n,) N m, and the gate's faults."""
-        if not self._open:
-            self._arm(tick)
-        if self._oldest >= tick - 1:
-            ages = self._no_age
-        else:
-            ages = (tick - 1.0) - self.command_tick
-            self.late += int(self._open)
-        self._ticks.fill(tick)
-        demands = self._let_go() if self._open and not self.command.all() else ()
-        torque, faults = self.guard.step(self.command, ages, self._ticks, demands)
-        if self.brake_closed or faults:
-            self._move_brake(torque)
-        self.plant.latch(torque)
-        return torque, faults if self._open else []
-
-    def _arm(self, tick: int) -> None:
-        """Opens the gate after `ARMING_SAMPLES` ticks in a row with a command that was at most one sample late."""
-        self.healthy = self.healthy + 1 if self._oldest > NEVER and self._oldest >= tick - 2 else 0
-        if self.healthy >= ARMING_SAMPLES:
-            self.guard.activate(np.zeros(self.limits.joints))
-            self._open = True
-
-    def _let_go(self) -> list[Fault]:
-        """Joints that move although the controller asks for exactly no torque."""
-        measured = self.guard.measured
-        still = (np.abs(measured.motor_velocity) <= MOVING_SPEED) & (np.abs(measured.joint_velocity) <= MOVING_SPEED)
-        self._zero_run = np.where((self.command == 0.0) & ~still, self._zero_run + 1.0, 0.0)
-        return [
-            Fault(FaultCode.LET_GO, int(j), float(self._zero_run[j]), LET_GO_SAMPLES, Action.CONTROLLED_STOP)
-            for j in np.flatnonzero(self._zero_run >= LET_GO_SAMPLES)
-        ]
+        self.native.latch(tick)
+        return self.native.applied.copy(), faults_of(self.native.rows) if self.armed else []
 
     def sample(self) -> Block:
         """The sensors now, after `latch`: the plant's sample block."""
-        sample = self.plant.sample()
-        self._sense(sample)
-        return sample
+        self.native.sample()
+        return self.readings
 
-    def _sense(self, sample: Block) -> None:
-        """Positions and velocities of the drive's own sensors, for the guard."""
-        positions, velocities = self.positions, self.velocities
-        before = positions.copy()
-        positions[:] = sample.array[self._places]
-        positions[: len(self._gear_ratio)] /= self._gear_ratio
-        if self._sensed:
-            velocities += (positions - before) * self._rate - VELOCITY_WEIGHT * velocities
-        for target, values in self._targets:
-            target[:] = values
-        self._sensed = True
+    def measure(self, tick: int) -> Block:
+        """One tick up to the readings: a reset that was asked for, `latch`, `sample`, a row of the black box."""
+        self.native.measure(tick)
+        return self.readings
 
     def advance(self) -> None:
         """Integrates one tick with the latched torque."""
-        self.plant.advance()
+        self.native.advance()
 
     def reset(self, joint_velocity: FloatArray) -> list[str]:
         """Ends a latched stop if the inputs run and the joints rest; returns the reasons of a refusal."""
-        self.guard.measured.joint_velocity = joint_velocity
-        return self.guard.reset()
-
-    def _move_brake(self, torque: FloatArray) -> None:
-        carried = self._open and np.array_equal(torque, self.command)
-        wanted = self.stopped or (self.brake_closed and not carried)
-        if wanted != self.brake_closed:
-            self.brake_closed = wanted
-            self.plant.brake(wanted)
+        return refusals(self.native.reset(np.ascontiguousarray(joint_velocity, dtype=float)))
 
 
 def _park(plant: Plant) -> None:

@@ -88,10 +88,9 @@ class Plant:
         seen, real = self._kernel.step_many(commands, samples, truth)
         return PlantRecord(self._columns("PlantSample", seen), self._columns("PlantTruth", real))
 
-    def run_loop(self, given: Mapping[str, Any], first: int, ticks: int) -> tuple[int, FloatArray, FloatArray]:
-        """Ticks of the whole closed loop, compiled: `hd_sim.closed_loop` fills `given` and reads the rows."""
-        where = self._layouts["PlantState"].slices["joint_position"].start
-        return self._kernel.run_loop({**given, "position_at": where}, first, ticks)
+    def world(self) -> Any:
+        """The compiled world for a drive side in front of it, as a capsule; this plant must outlive it."""
+        return self._kernel.world()
 
     @property
     def state(self) -> Block:

@@ -10,9 +10,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
+from hd_control import _chain
 from hd_control.chain.chain import LAWS, chain_stages, shipped_values
 from hd_control.chain.stage import Bus
 from hd_control.core import topics
+from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import ConfigError
 from hd_control.core.parameters import ParameterSet
 from hd_control.laws.goals import GoalLimits, check_goal
@@ -24,6 +28,9 @@ from hd_sim.world import World, sensor_arrays
 
 TEMPERATURE_PERIOD = 0.1
 """s between two messages of a joint's temperature."""
+
+LOOK_TICKS = 1000
+"""Ticks between two looks for stops in a compiled run: less than a black box keeps."""
 
 Observer = Callable[[int, Bus], None]
 """Called after every tick with its number and the arrays of every topic."""
@@ -52,15 +59,32 @@ class RunSetup:
         return {node: self.node_values(node) for node in LAWS}
 
 
-class Runner:
-    """One robot in lock-step. `tick` is the next tick to run."""
+@dataclass(frozen=True)
+class RunRows:
+    """Rows (ticks, n) of a recorded run: rad, rad, N m; `states` (ticks, size) of the torque law.
 
-    def __init__(self, setup: RunSetup) -> None:
+    `stopped`: the run ended before its time; rows after that are not numbers.
+    """
+
+    true_position: FloatArray
+    desired: FloatArray
+    command: FloatArray
+    states: FloatArray
+    stopped: bool
+
+
+class Runner:
+    """One robot in lock-step. `tick` is the next tick to run.
+
+    `prompt`: the command of a sample acts at once, without the delay that every real loop has.
+    """
+
+    def __init__(self, setup: RunSetup, prompt: bool = False) -> None:
         robot, dt = setup.config.robot, setup.config.period
         values = setup.all_values()
         names = robot.joint_names
         limits = safety_limits(str(setup.values.get("limits", {}).get("file", "limits.yaml")), names, dt)
-        self.robot, self.period, self.tick = robot, dt, 0
+        self.robot, self.period, self.tick, self.prompt = robot, dt, 0, prompt
         self.world = World(setup.config, limits, setup.seed)
         chain = chain_stages(robot, dt, values, limits)
         self.fusion, self.motion, self.torque = chain.fusion, chain.motion, chain.torque
@@ -83,7 +107,7 @@ class Runner:
         self.motion.hand_over(check_goal(goal, follower.copy(), self.goal_limits, measured, self.motion.tick))
 
     def step(self) -> Bus:
-        """Runs one tick; returns the arrays of every topic, which the next tick may overwrite."""
+        """Runs one tick; returns the arrays of every topic: copies, but for the sensors' views."""
         tick = self.tick
         sample = self.world.measure(tick)
         bus: Bus = sensor_arrays(sample)
@@ -91,6 +115,8 @@ class Runner:
             bus[topics.TEMPERATURE] = {"temperature": sample.motor_temperature}
         for _, stage in self.stages:
             bus.update(stage.step(tick, bus))
+        if self.prompt:
+            self.world.seam.plant.latch(self.torque.allowed)
         self.world.advance()
         self.world.command(slice(None), bus[topics.COMMAND]["effort"], tick)
         self.motion.controller_mode = self.torque.mode
@@ -103,6 +129,67 @@ class Runner:
         while self.tick < plan.ticks:
             if self.tick in goals:
                 self.offer(goals[self.tick])
+            if observe is None:
+                later = [tick for tick in goals if tick > self.tick]
+                self.run_on(min([plan.ticks, *later]) - self.tick)
+                continue
             tick, bus = self.tick, self.step()
-            if observe is not None:
-                observe(tick, bus)
+            observe(tick, bus)
+
+    def run_on(self, ticks: int) -> None:
+        """Runs some ticks at once, compiled: the same bits as `step`, black boxes and fault books included."""
+        sequence = self._sequence()
+        end = self.tick + ticks
+        while self.tick < end:
+            self.tick += sequence.run(self.tick, min(LOOK_TICKS, end - self.tick))
+            self.world.black_box.look()
+            self.torque.black_box.look()
+
+    def record(self, goals: Mapping[int, Goal], ticks: int) -> RunRows:
+        """Runs from tick 0 to `ticks` or to a stop, compiled, and keeps what a comparison needs.
+
+        `goals` by the tick at which they are offered. Raises GoalError if the robot refuses one.
+        """
+        rows = np.full((3, ticks, self.robot.joints), np.nan)
+        state = self.torque.native.state
+        states = np.full((ticks, state.size), np.nan)
+        native, motion = self.world.seam.native, self.motion.native
+        desired = motion.reference[: self.robot.joints]
+        flag, stopped = _chain.StopFlag([native.guard, self.torque.native.guard]), False
+        while self.tick < ticks and not stopped:
+            first = self.tick
+            if first in goals:
+                self.offer(goals[first])
+            end = min([ticks, *(tick for tick in goals if tick > first), first + LOOK_TICKS])
+            sequence = self._sequence()
+            watched = (native.true_position, desired, self.torque.allowed)
+            for table, numbers in zip(rows, watched, strict=True):
+                sequence.record(numbers, table[first:end])
+            sequence.record(state, states[first:end])
+            sequence.call(flag.step_capsule())
+            self.tick += sequence.run(first, end - first, flag.value)
+            stopped = bool(flag.value[0])
+        return RunRows(rows[0], rows[1], rows[2], states, stopped)
+
+    def _sequence(self) -> Any:
+        """Everything that `step` does in one tick, as a compiled list. The true position is looked at first."""
+        found, drive = _chain.Sequence(), self.world.seam.native
+        chain = {topic: {} for topic in topics.TOPICS}  # type: dict[str, dict[str, FloatArray]]
+        chain |= sensor_arrays(self.world.seam.readings)
+        chain[topics.TEMPERATURE] = {"temperature": self.world.seam.readings.motor_temperature}
+        found.call(drive.look_capsule())
+        found.call(drive.measure_capsule())
+        for _, stage in self.stages:
+            for view, topic, array in stage.inputs:
+                found.copy(chain[topic][array], view)
+                if topic == topics.TEMPERATURE:
+                    found.every(self.temperature_ticks)
+            found.call(stage.step_capsule())
+            for topic in stage.wiring.outputs:
+                places = stage.outgoing_places(topic).items()
+                chain[topic] = {array: stage.outgoing[part.start : part.stop] for array, part in places}
+        found.copy(self.torque.allowed, drive.incoming)
+        found.call(drive.advance_promptly_capsule() if self.prompt else drive.advance_capsule())
+        found.call(drive.take_capsule())
+        found.call(_chain.ModeLink(self.torque.native, self.motion.native).step_capsule())
+        return found

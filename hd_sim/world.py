@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
-from hd_control.chain.black_box import UNKNOWN_STOP, BlackBox, FaultBook
+from hd_control.chain.black_box import BlackBox, FaultBook
 from hd_control.core import topics
 from hd_control.core.arrays import FloatArray
 from hd_control.core.blocks import Block
+from hd_control.safety.guard import refusals
 from hd_control.safety.limits import SafetyLimits
-from hd_sim.drive_side import DriveSeam
+from hd_sim.drive_side import DriveSide
 from hd_sim.plant import Plant
 from hd_sim.plant_config import PlantConfig
 
@@ -41,27 +40,22 @@ class World:
 
     def __init__(self, config: PlantConfig, limits: SafetyLimits, seed: int) -> None:
         self.joint_names = config.robot.joint_names
-        self.seam = DriveSeam(Plant(config, seed), limits)
-        self.faults = FaultBook()
-        self.black_box = BlackBox(config.period)
-        self._command, self._sample = np.zeros(len(self.joint_names)), self.seam.sample().copy()
-        whole = slice(0, len(self.joint_names))
-        self.black_box.watch(self.joint_names, self._command, {(topics.COMMAND, "effort"): whole})
-        readings = {(topic, array): self._sample.layout.slices[name] for topic, (array, name) in SENSORS.items()}
-        self.black_box.watch(self.joint_names, self._sample.array, readings)
-        self.reset_asked = False
-        self.reset_answer: list[str] | None = None
+        self.seam = DriveSide(Plant(config, seed), limits)
+        native = self.seam.native
+        self.faults = FaultBook(native.faults)
+        self.black_box = BlackBox(config.period, native.ring)
+        n, slices = len(self.joint_names), self.seam.readings.layout.slices
+        # The compiled drive side watches command and readings, in this order.
+        self.black_box.adopt(self.joint_names, {(topics.COMMAND, "effort"): slice(0, n)}, 1)
+        readings = {(topic, array): slices[name] for topic, (array, name) in SENSORS.items()}
+        self.black_box.adopt(self.joint_names, readings, 1 + n)
+        self._resets = 0
 
     def measure(self, tick: int) -> Block:
-        """Gives the drives their torque for this tick and reads the sensors: the plant's sample block."""
-        if self.reset_asked:
-            self._reset()
-        _, faults = self.seam.latch(tick)
-        if faults:
-            self.faults.note(faults, tick)
-        sample = self.seam.sample()
-        self._command[:], self._sample.array[:] = self.seam.command, sample.array
-        self.black_box.note(tick, (self.faults.first_stop or UNKNOWN_STOP) if self.seam.stopped else None)
+        """Gives the drives their torque for this tick and reads the sensors: the plant's sample block, a view."""
+        sample = self.seam.measure(tick)
+        if self.seam.native.ring.stops:
+            self.black_box.look()
         return sample
 
     def advance(self) -> None:
@@ -76,6 +70,25 @@ class World:
         """Joints without a command of this tick."""
         return [name for name, seen in zip(self.joint_names, self.seam.command_tick, strict=True) if seen < tick]
 
+    @property
+    def reset_asked(self) -> bool:
+        """A reset waits for the next tick."""
+        return bool(self.seam.native.reset_asked)
+
+    @reset_asked.setter
+    def reset_asked(self, asked: bool) -> None:
+        self.seam.native.reset_asked = asked
+
+    @property
+    def reset_answer(self) -> list[str] | None:
+        """The answer to a reset, once: reasons against it; None while there is none."""
+        native = self.seam.native
+        return None if native.resets == self._resets else refusals(native.refusals)
+
+    @reset_answer.setter
+    def reset_answer(self, answer: None) -> None:
+        self._resets = self.seam.native.resets
+
     def report(self) -> tuple[str, dict[str, Any]]:
         """The stop in one line, or an empty text, and values for diagnostics."""
         seam = self.seam
@@ -88,9 +101,3 @@ class World:
         }
         text = (self.faults.headline(self.joint_names) or "stopped; call reset") if seam.stopped else ""
         return text, values | self.faults.values(self.joint_names)
-
-    def _reset(self) -> None:
-        refused = self.seam.reset(self.seam.plant.true_joint_velocity)
-        if not refused:
-            self.faults.clear()
-        self.reset_answer, self.reset_asked = refused, False

@@ -93,7 +93,7 @@ def warm_runner() -> tuple[Runner, Bus]:
 def _law(stage: Any) -> Callable[[], None]:
     """The law's pure step alone, on the stage's present blocks."""
     given = (stage.sample,) if stage.reference is None else (stage.sample, stage.reference)
-    step, params, state, dt = stage.law.step, stage.params, stage.state, stage.dt
+    step, params, state, dt = stage.law.step, stage.params.copy(), stage.state.copy(), stage.dt
 
     def call() -> None:
         for _ in range(REPEAT):
@@ -106,11 +106,11 @@ def _gate(runner: Runner) -> Callable[[], None]:
     stage = runner.torque
     command = np.array(stage.gate_state.last_torque)
     ages, ticks = np.zeros(command.size), np.full(command.size, float(runner.tick))
-    measured, limits, state = stage.guard.measured, stage.limits.gate, stage.gate_state
+    limits, state = stage.limits.gate, stage.gate_state.copy()
 
     def call() -> None:
         for _ in range(REPEAT):
-            safety_gate(command, measured, ages, ticks, limits, state)
+            safety_gate(command, ages, ticks, limits, state)
 
     return call
 

@@ -49,7 +49,7 @@ def chain_stages(robot: Robot, period: float, values: Values, limits: SafetyLimi
         stage.adopt(stage.prepare(values[node]))
         stage.start()
     for numbers, columns in found.fusion.signals():
-        found.torque.black_box.watch(robot.joint_names, numbers, columns)
+        found.torque.watch(robot.joint_names, numbers, columns)
     return found
 
 

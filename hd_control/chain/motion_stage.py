@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from hd_control.chain.stage import OK, Stage
+from hd_control import _chain
+from hd_control.chain.stage import OK, Stage, ramp_kinds
 from hd_control.chain.wiring import MOTION
+from hd_control.core.arrays import FloatArray
+from hd_control.core.errors import GoalError
+from hd_control.core.faults import FaultCode
 from hd_control.core.robot import Robot
 from hd_control.laws import motion
-from hd_control.laws.trajectory import Path, SlowMotion, TrajectoryFollower, refusal
+from hd_control.laws.trajectory import Motion, Path, TrajectoryFollower, hold_path
 
-LOST_TOLERANCE = 0.05
-"""rad; a reference further from the joint is no motion any more: the goal is dropped, the reference is set anew."""
 DEGRADED = "DEGRADED"
-STOPPED = ("STOPPING", "HOLDING", "STOPPED")
 NOT_READY = {
     DEGRADED: "wait until the cause is gone",
     "STOPPING": "wait for rest, then call reset",
@@ -27,116 +30,158 @@ MODES = ("INACTIVE", "ACTIVE", *NOT_READY)
 """Modes of a torque law, from the one that needs least attention to the one that needs most."""
 
 
+class StageFollower(TrajectoryFollower):
+    """What the compiled tick follows, for threads beside the loop: planning starts from here. Changes nothing."""
+
+    def __init__(self, stage: MotionStage) -> None:
+        self._stage = stage
+        self.joint_names, self.period, self.blend_time = stage.joint_names, stage.dt, stage.blend_time
+        self.cursor = 0
+
+    @property
+    def active(self) -> Path:  # type: ignore[override]
+        """The path that is followed."""
+        return self._stage.path_of(self._stage.native.active)
+
+    @property
+    def pending(self) -> Path | None:  # type: ignore[override]
+        """The path that starts later."""
+        found = self._stage.native.pending
+        return None if found is None else self._stage.path_of(found)
+
+    def copy(self) -> TrajectoryFollower:
+        """An independent follower in the same state."""
+        pending = self.pending  # read before `active`: the loop promotes in the other order
+        active = self.active
+        twin = TrajectoryFollower(self.joint_names, self.period, active.end.position, 0, self.blend_time)
+        twin.active, twin.pending = active, pending
+        return twin
+
+    def moving(self, tick: float) -> bool:
+        return bool(self._stage.native.moving(float(tick)))
+
+    def hold(self, position: ArrayLike, tick: int) -> None:
+        raise NotImplementedError("the loop alone sets the reference")
+
+
 class MotionStage(Stage):
     """Follows one path, holds the measured position before the first and after a joint has lost its reference.
 
     `controller_mode` is the worst mode that the torque law has reported, "" before the first; any thread may set it.
-    While it is DEGRADED the path runs slowly (`SlowMotion`) and new goals are refused.
+    While it is DEGRADED the path runs slowly and new goals are refused.
     """
 
     def __init__(self, robot: Robot, dt: float, blend_time: float) -> None:
         super().__init__(MOTION, motion, robot, dt)
-        self.blend_time = blend_time
-        self.follower: TrajectoryFollower | None = None
-        self._handover: Path | None = None
-        self._reference_array = self._find_reference_array()
-        self._measured = self.sample.joint_position
-        self.late_goals = self.aborted_goals = 0
-        self.controller_mode = ""
-        self.slow = SlowMotion(dt)
-        self.reset_asked = False
-        self.reset_answer: list[str] | None = None
+        n, self.blend_time = robot.joints, blend_time
+        kinds = ("params", "sample", "reference", "output", "state")
+        blocks = {kind: motion.layout(f"Motion{kind.title()}", n) for kind in kinds}
+        self._use(_chain.MotionTick(n, dt, ramp_kinds(motion, blocks["params"])), blocks)
+        self._paths: dict[int, tuple[Path, Any]] = {}
+        self._numbers = 0
+        self._resets = 0
 
-    def start(self) -> None:
-        """A new activation: link parameters survive, the reference starts at the measured position."""
-        kept = None if self.state is None else motion.restarted(self.state)
-        super().start()
-        self.state, self.follower, self._handover = kept, None, None
-        self.slow.reset()
+    @property
+    def follower(self) -> StageFollower | None:
+        """The reference as threads beside the loop see it; None before the first tick."""
+        return None if self.native.active is None else StageFollower(self)
+
+    @property
+    def controller_mode(self) -> str:
+        """The mode of the torque law."""
+        return ("", *MODES)[int(self.native.mode)]
+
+    @controller_mode.setter
+    def controller_mode(self, mode: str) -> None:
+        self.native.mode = ("", *MODES).index(mode)
+
+    @property
+    def late_goals(self) -> int:
+        """Paths that came too late to start where they begin."""
+        return int(self.native.late_goals)
+
+    @property
+    def aborted_goals(self) -> int:
+        """Goals that were dropped in motion."""
+        return int(self.native.aborted_goals)
+
+    @property
+    def reset_asked(self) -> bool:
+        """A reset waits for the next tick."""
+        return bool(self.native.reset_asked)
+
+    @reset_asked.setter
+    def reset_asked(self, asked: bool) -> None:
+        self.native.reset_asked = asked
+
+    @property
+    def reset_answer(self) -> list[str] | None:
+        """The answer to a reset, once: no reason against it; None while there is none."""
+        return [] if self.native.resets != self._resets else None
+
+    @reset_answer.setter
+    def reset_answer(self, answer: None) -> None:
+        self._resets = self.native.resets
 
     def refuse_unless_ready(self) -> None:
         """Raises GoalError while the torque law is degraded or stopped."""
         remedy = NOT_READY.get(self.controller_mode)
         if remedy is not None:
-            what = f"the torque law is {self.controller_mode}, goals need ACTIVE"
-            raise refusal("controller_state", "", what, f"{remedy[0].upper()}{remedy[1:]}")
+            text = FaultCode.GOAL_BAD.line(f"the torque law is {self.controller_mode}, goals need ACTIVE")
+            raise GoalError("controller_state", f"{text}. {remedy[0].upper()}{remedy[1:]}.")
 
     def hand_over(self, path: Path) -> None:
         """Gives a checked path to the loop, from any thread; the newest wins."""
-        self._handover = path
+        self._numbers += 1
+        end = np.concatenate([path.end.position, path.end.velocity, path.end.acceleration])
+        native = _chain.MotionPath(
+            self._numbers, path.start_tick, path.period, np.ascontiguousarray(path.knots),
+            np.ascontiguousarray(path.coefficients).ravel(), end,
+        )  # fmt: skip
+        used = self._used()
+        self._paths = {number: item for number, item in self._paths.items() if number in used or number == used[-1]}
+        self._paths[self._numbers] = (path, native)
+        self.native.hand_over(native)
 
     def has(self, path: Path | None) -> bool:
         """Is this path followed, or will it be? From any thread."""
-        handed, follower = self._handover, self.follower  # read first: the loop moves a path from here to there
-        return path is handed or (follower is not None and (path is follower.pending or path is follower.active))
+        used = self._used()
+        return path is not None and any(known is path and number in used for number, (known, _) in self._paths.items())
 
-    def act(self, tick: int) -> None:
-        if self.follower is None:
-            self.follower = TrajectoryFollower(
-                self.joint_names, self.dt, self.sample.joint_position, tick, self.blend_time
-            )
-        self._check_reference(tick)
-        path, self._handover = self._handover, None
-        if path is not None:
-            self._take(path, tick)
-        degraded = self.controller_mode == DEGRADED
-        if degraded or not self.slow.at_rest:
-            self._sample_slowly(tick, degraded)
-        else:
-            self.follower.sample(tick, self._reference_array)
-        super().act(tick)
+    def _used(self) -> list[int]:
+        """Numbers of the paths that the loop may follow. Read in the order in which the loop moves a path."""
+        native = self.native
+        handed = native.handed_over
+        seen = [native.pending, native.active]
+        newest = [self._numbers]  # the loop may hold the newest between taking and following it
+        return [number for number in (handed, *(each[0] for each in seen if each is not None)) if number] + newest
 
-    def _sample_slowly(self, tick: int, degraded: bool) -> None:
-        """The reference on the path's own time; back at full rate the path itself is put off by what was lost."""
-        follower, slow = self.follower, self.slow
-        assert follower is not None
-        slow.step(degraded)
-        follower.sample(tick - slow.lag, self._reference_array)
-        slow.scale(self._reference_array)
-        if slow.rate == 1.0:
-            follower.delay(slow.lag)
-            slow.reset()
-
-    def _check_reference(self, tick: int) -> None:
-        """Drops the goal when a joint does not follow any more, or on a reset: the reference becomes its position."""
-        follower, measured = self.follower, self._measured
-        assert follower is not None
-        far = np.abs(self._reference_array[: measured.size] - measured) > LOST_TOLERANCE
-        lost = self.tick >= 0 and bool(far.any())
-        if self.controller_mode in STOPPED and follower.moving(tick - self.slow.lag):
-            lost = True  # A2 and A3 abort the goal
-        if (lost or self.reset_asked) and np.isfinite(measured).all():
-            self.aborted_goals += int(follower.moving(tick - self.slow.lag))
-            follower.hold(measured, tick)
-            self.slow.reset()
-            if self.reset_asked:
-                self.reset_answer, self.reset_asked = [], False
-
-    def _take(self, path: Path, tick: int) -> None:
-        assert self.follower is not None
-        if path.start_tick < tick or not self.slow.at_rest:  # made for a reference that is not there any more
-            self.late_goals += 1
-        else:
-            self.follower.accept(path, tick)
-
-    def _find_reference_array(self) -> Any:
-        """The reference block begins with position, velocity, acceleration: the follower writes straight into it."""
-        assert self.reference is not None
-        return self.reference.array[: 3 * len(self.joint_names)]
+    def path_of(self, seen: tuple[int, int, FloatArray, FloatArray]) -> Path:
+        """A path as the loop has it now: number, start tick, knots, end."""
+        number, start, knots, end = seen
+        known = self._paths.get(number)
+        if known is None:
+            return hold_path(end[: len(self.joint_names)], start, self.dt)
+        path = known[0]
+        if path.start_tick == start and np.array_equal(path.knots, knots):
+            return path
+        return replace(path, start_tick=start, knots=knots)
 
     def report(self) -> tuple[int, str, dict[str, Any]]:
         follower = self.follower
         if follower is None:
             return OK, "", {"goal": "none"}
-        moving = follower.moving(self.tick - self.slow.lag)
         return (
             OK,
             "",
             {
                 "goal": follower.active.identifier,
-                "moving": moving,
-                "rate": self.slow.rate,
+                "moving": follower.moving(self.tick - self.native.lag),
+                "rate": self.native.rate,
                 "late_goals": self.late_goals,
                 "aborted_goals": self.aborted_goals,
             },
         )
+
+
+__all__ = ["MODES", "NOT_READY", "Motion", "MotionStage", "StageFollower"]

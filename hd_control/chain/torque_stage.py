@@ -5,72 +5,96 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
-from hd_control import _laws
-from hd_control.chain.black_box import UNKNOWN_STOP, BlackBox, FaultBook
-from hd_control.chain.stage import ERROR, OK, Bus, Stage
+from hd_control import _chain
+from hd_control.chain.black_box import BlackBox, FaultBook, span
+from hd_control.chain.motion_stage import MODES
+from hd_control.chain.stage import ERROR, OK, Bus, Stage, ramp_kinds, start_places
 from hd_control.chain.wiring import TORQUE
 from hd_control.core import topics
 from hd_control.core.arrays import FloatArray
 from hd_control.core.blocks import Block
-from hd_control.core.faults import Action, Fault, FaultCode, strongest
+from hd_control.core.faults import FaultCode
 from hd_control.core.robot import Robot
 from hd_control.laws import torque
-from hd_control.safety import loop_monitors as adaptation
-from hd_control.safety.guard import Guard, Mode
+from hd_control.safety.guard import Guard, envelope, refusals
 from hd_control.safety.limits import SafetyLimits
 
-WATCH_TICKS = 10
-"""The adaptation is looked at every so many ticks."""
-REFERENCE_TOLERANCE = 0.005
-"""rad; a reference further from the joint refuses a reset: the arm would jump to it."""
+_KINDS = {"TorqueParams": 0, "ManifoldParams": 1, "FeedbackParams": 2}
 
 
 class TorqueStage(Stage):
-    """Torque law and guard. An exception of the law becomes a command that is not finite: the guard stops."""
+    """Torque law and guard. What is no finite number becomes a stop in the guard, whatever the law is."""
 
     def __init__(self, robot: Robot, dt: float, joint_names: Sequence[str], limits: SafetyLimits) -> None:
         super().__init__(TORQUE, torque, robot, dt, joint_names)
-        joints, rows = len(self.joint_names), robot.indices(self.joint_names)
         self.limits = limits
-        low, high, speed = robot.position_low[rows], robot.position_high[rows], robot.velocity_limit[rows]
-        self.guard = Guard(limits, low, high, speed, dt)
-        names = ("motor_position", "motor_velocity", "joint_position", "joint_velocity")
-        self._measured = [(self.guard.measured.view(name), self.sample.view(name)) for name in names]
-        self._used_sample = self.sample.array[: self.sample.layout.slices["motor_torque"].start]
-        self.degraded_samples, self._lost = 0, 0.0
-        self._joint_torque, self._railed = self.sample.view("joint_torque"), np.zeros(joints)
-        self.adaptation = adaptation.initial(joints)
-        self.ages, self.ticks, self.allowed = np.zeros(joints), np.zeros(joints), np.zeros(joints)
-        self._left = np.zeros(joints)
-        self.black_box = BlackBox(dt)
-        self.black_box.watch(self.joint_names, self._left, {(topics.COMMAND, "effort"): slice(0, joints)})
-        for numbers, columns in self.signals():
-            self.black_box.watch(self.joint_names, numbers, columns)
-        self.stopped_command = np.full(joints, np.nan)
+        rows = robot.indices(self.joint_names)
+        self._bounds = robot.position_low[rows], robot.position_high[rows], robot.velocity_limit[rows]
         self.exception: BaseException | None = None
-        self.faults = FaultBook()
-        self.gate_open = False
-        self.reset_asked = False
-        self.reset_answer: list[str] | None = None
+        self._resets = 0
+        self._watched: list[tuple[tuple[str, ...], FloatArray, dict[tuple[str, str], slice]]] = []
+        self._make(torque.layout("TorqueParams", len(self.joint_names)).zeros())
+
+    def _make(self, params: Block) -> None:
+        """The compiled tick of the law that this parameter block belongs to."""
+        n, before = len(self.joint_names), getattr(self, "native", None)
+        state, output = torque.initial_state(params).layout, torque.output_layout(params)
+        native = _chain.TorqueTick(
+            n, self.dt, _KINDS[params.layout.name], self.limits.gate.array, self.limits.guard.array,
+            envelope(*self._bounds), *span(self.dt), ramp_kinds(torque, params.layout),
+            start_places(torque, params.layout, state),
+        )  # fmt: skip
+        blocks = {
+            "params": params.layout,
+            "sample": torque.layout("TorqueSample", n),
+            "reference": torque.layout("TorqueReference", n),
+            "output": output,
+            "state": state,
+        }
+        self._use(native, blocks)
+        self.guard = Guard(self.limits, *self._bounds, self.dt, 0, native.guard)
+        self.faults = FaultBook(native.faults)
+        self.allowed: FloatArray = native.allowed
+        if before is not None:
+            self._take_over(before)
+        self.black_box = BlackBox(self.dt, native.ring)
+        own = (self.joint_names, self.allowed, {(topics.COMMAND, "effort"): slice(0, n)})
+        signals = [(self.joint_names, *each) for each in self.signals()]
+        for names, numbers, columns in (own, *signals, *self._watched):
+            self.black_box.watch(names, numbers, columns)
+
+    def _take_over(self, before: Any) -> None:
+        """Another law in the same place: a latched stop, its fault and the last torque stay."""
+        native = self.native
+        for name in ("gate", "state", "stop", "measured"):
+            getattr(native.guard, name)[:] = getattr(before.guard, name)
+        native.faults.take_over(before.faults)
+        native.sample[:], native.reference[:], native.allowed[:] = before.sample, before.reference, before.allowed
+        native.degraded_samples, native.lost, native.failed = before.degraded_samples, before.lost, before.failed
+        native.railed[:] = before.railed
+
+    def watch(self, joint_names: Sequence[str], numbers: FloatArray, columns: dict[tuple[str, str], slice]) -> None:
+        """More numbers for the black box: what other stages of the process receive."""
+        self._watched.append((tuple(joint_names), numbers, columns))
+        self.black_box.watch(joint_names, numbers, columns)
+
+    def adopt(self, params: Block) -> None:
+        if params.layout != self._layouts["params"] and self.native.tick < 0:
+            self._make(params)
+        if params.layout == self._layouts["params"]:
+            super().adopt(params)
+        else:
+            self._offered = params
 
     def start(self) -> None:
         """A new activation: estimates and a latched stop survive, the filters fill again.
 
-        The gate opens with the torque that the drive holds.
+        The gate opens with the torque that the drive holds. Another law begins anew.
         """
-        kept = None if self.state is None else torque.restarted(self.state)
-        before = self.params
+        if self._offered is not None and self._offered.layout != self._layouts["params"]:
+            self._make(self._offered)
+            self.native.offer(self._offered.array)
         super().start()
-        assert self.params is not None
-        same_law = kept is not None and kept.layout == torque.initial_state(self.params).layout
-        self.state = kept if same_law else None
-        if same_law and before is not None:  # a model that changed meanwhile goes on from the estimates that survive
-            self.params = self._taken = before
-        self.guard.deactivate()
-        self.gate_open = False
-        self.adaptation = adaptation.initial(len(self.joint_names))
 
     def read(self, bus: Bus) -> None:
         super().read(bus)
@@ -83,6 +107,11 @@ class TorqueStage(Stage):
             self.reference.desired_position = self.sample.joint_position
             self.reference.desired_velocity = 0.0
 
+    def act(self, tick: int) -> None:
+        self.native.act(tick)
+        if self.native.ring.stops:
+            self.black_box.look()
+
     @property
     def gate_state(self) -> Block:
         """State of the gate behind the law."""
@@ -91,75 +120,35 @@ class TorqueStage(Stage):
     @property
     def mode(self) -> str:
         """INACTIVE, ACTIVE, DEGRADED, STOPPING, HOLDING or STOPPED."""
-        mode = self.guard.mode
-        return "DEGRADED" if mode is Mode.ACTIVE and self.degraded_samples > 0 else mode.name
-
-    def act(self, tick: int) -> None:
-        demands = self._monitor(tick)
-        try:
-            self._advance_law()
-            assert self.output is not None
-            command = self._checked(self.output.motor_torque)
-        except Exception as error:  # F33: the gate turns the missing command into a stop
-            self.exception = self.exception or error
-            command = self.stopped_command
-        if self.exception is not None and not self.guard.stopped:  # until it is latched; then the law may prove itself
-            command = self.stopped_command
-        self.tick = tick
-        self.allowed = self.through_gate(tick, command, demands)
-        self._left[:] = self.allowed
-        self.black_box.note(tick, self.stop_cause if self.guard.stopped else None)
+        return MODES[int(self.native.mode) - 1]
 
     @property
-    def stop_cause(self) -> Fault | BaseException:
-        """What the latched stop is due to."""
-        return self.exception or self.faults.first_stop or UNKNOWN_STOP
+    def degraded_samples(self) -> int:
+        """Ticks for which the robot stays degraded."""
+        return int(self.native.degraded_samples)
 
     @property
-    def reference_array(self) -> FloatArray:
-        """The numbers of the reference."""
-        assert self.reference is not None
-        return self.reference.array
+    def reset_asked(self) -> bool:
+        """A reset waits for the next tick."""
+        return bool(self.native.reset_asked)
 
-    def _checked(self, command: FloatArray) -> FloatArray:
-        """The command; not a number for joints with an input that is not finite, which a law might clip."""
-        used, reference = self._used_sample, self.reference_array
-        if _laws.all_finite(used) and _laws.all_finite(reference):
-            return command
-        n = command.size
-        finite = np.isfinite(used.reshape(-1, n)).all(axis=0) & np.isfinite(reference.reshape(-1, n)).all(axis=0)
-        return np.where(finite, command, np.nan)
+    @reset_asked.setter
+    def reset_asked(self, asked: bool) -> None:
+        self.native.reset_asked = asked
 
-    def _advance_law(self) -> None:
-        """The law's step; degraded, the estimates stay as they were, bit for bit."""
-        before = self.state
-        self.advance()
-        if self.degraded_samples > 0 and before is not None and self.state is not None:
-            for name in adaptation.ESTIMATES:
-                if name in before.layout.slices:
-                    self.state.view(name)[...] = before.view(name)
+    @property
+    def reset_answer(self) -> list[str] | None:
+        """The answer to a reset, once: reasons against it; None while there is none."""
+        if self.native.resets == self._resets:
+            return None
+        reasons = refusals(self.native.refusals, self.joint_names)
+        if not reasons:
+            self.exception = None
+        return reasons
 
-    def _monitor(self, tick: int) -> list[Fault]:
-        """Lost ticks and the adaptation; counts how long the robot stays degraded."""
-        gap = tick - self.tick - 1 if self.tick >= 0 else 0
-        self._lost, found = adaptation.lost_ticks(gap, self._lost, self.limits)
-        self._railed, more = adaptation.gauge_rail(self._joint_torque, self._railed, self.limits.guard)
-        found += more
-        if tick % WATCH_TICKS == 0 and self.state is not None and self.state.layout.name == "TorqueState":
-            assert self.params is not None
-            self.adaptation, more = adaptation.watch(
-                self.adaptation, self.state, self.params, self.sample, self.reference_array, self.limits.guard,
-                WATCH_TICKS * self.dt,
-            )  # fmt: skip
-            found += more
-        if found and strongest(found) >= Action.DEGRADE:
-            self.degraded_samples = int(self.limits.guard.recover_samples)
-        elif self.degraded_samples > 0:
-            self.degraded_samples -= 1
-        return found
-
-    def results(self) -> Bus:
-        return {topics.COMMAND: {"effort": self.allowed}}
+    @reset_answer.setter
+    def reset_answer(self, answer: None) -> None:
+        self._resets = self.native.resets
 
     @property
     def outgoing(self) -> FloatArray:
@@ -168,70 +157,25 @@ class TorqueStage(Stage):
     def outgoing_places(self, topic: str) -> dict[str, range]:
         return {"effort": range(len(self.joint_names))}
 
-    def through_gate(self, tick: int, command: Any, demands: Sequence[Fault] = ()) -> Any:
-        """The last step before publishing."""
-        if not self.gate_open:
-            self.guard.activate(self.sample.motor_torque)
-            self.gate_open = True
-        self.ticks.fill(tick)
-        for target, source in self._measured:
-            target[:] = source
-        if self.reset_asked:
-            self.answer_reset()
-        allowed, faults = self.guard.step(command, self.ages, self.ticks, demands)
-        if faults:
-            self.faults.note(faults, tick)
-        return allowed
-
-    def answer_reset(self) -> None:
-        """Between two ticks, on request of the reset service."""
-        refused = self.guard.reset(self._reasons_of_reference())
-        if not refused:
-            self.exception = None
-            self.faults.clear()
-            if self.state is not None:
-                self.state = torque.restarted(self.state)
-        self.reset_answer, self.reset_asked = refused, False
-
-    def _reasons_of_reference(self) -> list[str]:
-        """Why the law may not take over again: a goal runs, or the reference is not where the joint is."""
-        reference, sample, found = self.reference, self.sample, []
-        assert reference is not None
-        for j, name in enumerate(self.joint_names):
-            if not reference.desired_velocity[j] == 0.0:
-                found.append(f"{name}: a goal is active; reset the motion law first")
-            gap = float(reference.desired_position[j] - sample.joint_position[j])
-            if not abs(gap) <= REFERENCE_TOLERANCE:
-                found.append(
-                    f"{name}: reference {gap:.4g} rad from the joint, limit {REFERENCE_TOLERANCE:g} rad; "
-                    "reset the motion law first"
-                )
-        return found
-
     def report(self) -> tuple[int, str, dict[str, Any]]:
         values: dict[str, Any] = {
             "gate_stopped": self.guard.stopped,
             "mode": self.mode,
             **self.faults.values(self.joint_names),
         }
-        if self.state is not None:
-            for name in (
-                "coulomb_torque",
-                "friction_offset",
-                "viscous_positive",
-                "viscous_negative",
-                "torsional_compliance",
-            ):
-                if name not in self.state.layout.slices:
-                    continue
-                values[name] = " ".join(f"{number:.6g}" for number in self.state.view(name))
-        if self.exception is not None:
-            return ERROR, FaultCode.EXCEPTION.line(repr(self.exception)), values
+        state = self.state
+        for name in torque.ESTIMATES if state is not None else ():
+            if state is not None and name in state.layout.slices:
+                values[name] = " ".join(f"{number:.6g}" for number in state.view(name))
+        if self.exception is not None and self.native.failed:
+            return ERROR, f"{FaultCode.EXCEPTION.text}: {self.exception!r}", values
         if self.guard.stopped:
             return ERROR, self.faults.headline(self.joint_names) or "stopped; call reset", values
         return OK, "", values
 
     def emergency(self, error: BaseException | None = None) -> None:
-        if self.exception is None:
+        """From any thread: the next command is none, the guard stops. Until it is latched; then the law may go on."""
+        if self.exception is None or not self.native.failed:
             self.exception = error or RuntimeError("an exception in another part of this node")
             self.black_box.mark(self.exception)
+            self.native.failed = True

@@ -22,135 +22,13 @@
 #include "guard.hpp"
 #include "integral_manifold.hpp"
 #include "motion.hpp"
+#include "parameter_ramp.hpp"
 #include "sensor_watch.hpp"
 #include "step.hpp"
 #include "torque_adaptive.hpp"
 #include "torque_feedback.hpp"
 
 namespace hd {
-
-// ------------------------------------------------------------------------------------------------ parameters
-
-constexpr double kRampTime = 0.5;  // s from the old model to the new one
-constexpr double kGainTime = 0.1;  // s from old gains and bounds to new ones
-
-// How each number of a parameter block changes while the law runs, and which numbers of the state follow.
-struct RampPlan {
-    std::vector<char> kind;                      // by number of the block: 0 at once, 1 gain, 2 model
-    std::vector<std::pair<int, int>> starts;     // number of the state, number of the parameters it starts at
-};
-
-// Parameters of one law: the newest block, and the way to it, tick by tick. `offer` may be called by any thread, one
-// at a time; `take` belongs to the loop.
-class Parameters {
-  public:
-    Parameters(std::size_t size, RampPlan plan, double dt)
-        : now(size), plan_(std::move(plan)), before_(size), after_(size), moves_(plan_.starts.size()), dt_(dt) {
-        for (auto& each : inbox_) each.resize(size);
-        plan_.kind.resize(size, 0);
-    }
-
-    // A new block. A block that was offered and not taken yet is replaced.
-    void offer(const double* block) {
-        const int slot = 1 - newest_.load(std::memory_order_relaxed) % 2;
-        const std::uint64_t count = count_.load(std::memory_order_relaxed);
-        std::copy(block, block + now.size(), inbox_[slot].begin());
-        newest_.store(slot, std::memory_order_relaxed);
-        count_.store(count + 1, std::memory_order_release);
-    }
-
-    // The newest block as a whole, without a ramp.
-    void arrive() {
-        taken_ = count_.load(std::memory_order_acquire);
-        if (taken_ > 0) now = after_ = inbox_[newest_.load(std::memory_order_relaxed)];
-        ticks_ = tick_ = 0;
-    }
-
-    // The law goes on from the numbers that it has: what was offered meanwhile ramps from here.
-    void go_on() {
-        taken_ = 0;
-        ticks_ = tick_ = 0;
-    }
-
-    bool changes() const { return taken_ != count_.load(std::memory_order_acquire) || tick_ < ticks_; }
-
-    // Before the law's step: the next numbers on the way to the newest. `state` null: the law has none yet.
-    // True if the block is another one than in the tick before.
-    bool take(double* state) {
-        const std::uint64_t newest = count_.load(std::memory_order_acquire);
-        bool changed = false;
-        if (newest != taken_) {
-            taken_ = newest;
-            const std::vector<double>& wanted = inbox_[newest_.load(std::memory_order_relaxed)];
-            std::copy(wanted.begin(), wanted.end(), after_.begin());
-            if (state == nullptr || !plan_ramp(state)) {
-                now = after_;
-                ticks_ = tick_ = 0;
-            }
-            changed = true;
-        }
-        if (tick_ < ticks_ && state != nullptr) {
-            step_ramp(state);
-            changed = true;
-        }
-        return changed;
-    }
-
-    // The numbers at the end of the way.
-    std::vector<double>& goal() { return after_; }
-
-    std::vector<double> now;
-
-  private:
-    bool plan_ramp(const double* state) {
-        const int model = std::max(1, static_cast<int>(std::nearbyint(kRampTime / dt_)));
-        gain_ticks_ = std::max(1, static_cast<int>(std::nearbyint(kGainTime / dt_)));
-        model_ticks_ = model;
-        int longest = 0;
-        for (std::size_t i = 0; i < now.size(); ++i)
-            if (plan_.kind[i] != 0 && !(now[i] == after_[i] || (std::isnan(now[i]) && std::isnan(after_[i]))))
-                longest = std::max(longest, plan_.kind[i] == 2 ? model : gain_ticks_);
-        if (longest == 0) return false;
-        bool moves = false;
-        for (std::size_t i = 0; i < plan_.starts.size(); ++i) {
-            const auto [own, source] = plan_.starts[i];
-            const double goal = after_[static_cast<std::size_t>(source)];
-            const double change = goal != now[static_cast<std::size_t>(source)] ? goal - state[own] : 0.0;
-            moves_[i] = change / model;
-            moves |= change != 0.0;
-        }
-        moving_ = moves;
-        before_ = now;
-        tick_ = 0;
-        ticks_ = moves ? model : longest;
-        return true;
-    }
-
-    void step_ramp(double* state) {
-        ++tick_;
-        if (moving_)
-            for (std::size_t i = 0; i < plan_.starts.size(); ++i) state[plan_.starts[i].first] += moves_[i];
-        if (tick_ >= ticks_) {
-            now = after_;
-            return;
-        }
-        for (std::size_t i = 0; i < now.size(); ++i) {
-            const int ticks = plan_.kind[i] == 2 ? model_ticks_ : gain_ticks_;
-            const bool there = plan_.kind[i] == 0 || tick_ >= ticks || before_[i] == after_[i];
-            now[i] = there ? after_[i]
-                           : before_[i] + (static_cast<double>(tick_) / ticks) * (after_[i] - before_[i]);
-        }
-    }
-
-    RampPlan plan_;
-    std::vector<double> inbox_[2], before_, after_, moves_;
-    std::atomic<int> newest_{0};
-    std::atomic<std::uint64_t> count_{0};
-    std::uint64_t taken_ = 0;
-    double dt_;
-    int tick_ = 0, ticks_ = 0, model_ticks_ = 1, gain_ticks_ = 1;
-    bool moving_ = false;
-};
 
 // ------------------------------------------------------------------------------------------------ fusion
 
@@ -352,7 +230,7 @@ class TorqueTick {
           allowed(static_cast<std::size_t>(joints), 0.0),
           command(static_cast<std::size_t>(joints), 0.0),
           refusals(static_cast<std::size_t>(4 * (4 * joints + 4))),
-          railed_(static_cast<std::size_t>(joints), 0.0),
+          railed(static_cast<std::size_t>(joints), 0.0),
           no_age_(static_cast<std::size_t>(joints), 0.0),
           ticks_(static_cast<std::size_t>(joints), 0.0),
           kept_(static_cast<std::size_t>(5 * joints)) {}
@@ -390,7 +268,7 @@ class TorqueTick {
         if (failed.load(std::memory_order_acquire) && !guard.stopped()) wanted = no_command();
         tick = now;
         gate(wanted, now);
-        ring.note(static_cast<double>(now), guard.stopped());
+        ring.note(static_cast<double>(now), cause());
     }
 
     // The same with a command that somebody else has computed: a law in Python.
@@ -399,7 +277,14 @@ class TorqueTick {
         const double* wanted = given == nullptr || (failed.load() && !guard.stopped()) ? no_command() : checked(given);
         tick = now;
         gate(wanted, now);
-        ring.note(static_cast<double>(now), guard.stopped());
+        ring.note(static_cast<double>(now), cause());
+    }
+
+    // Row of what the latched stop is due to; null while nothing is stopped.
+    const double* cause() const {
+        if (!guard.stopped()) return nullptr;
+        if (failed.load(std::memory_order_relaxed)) return kExceptionRow;
+        return table.stop_tick >= 0.0 ? table.stop.data() : kUnknownStop;
     }
 
     // INACTIVE, ACTIVE, DEGRADED, STOPPING, HOLDING, STOPPED as numbers of TorqueMode.
@@ -433,7 +318,7 @@ class TorqueTick {
         const TorqueSample in(sample.data(), n);
         const double gap = tick >= 0 ? static_cast<double>(now - tick - 1) : 0.0;
         lost = lost_ticks(gap, lost, guard.limits, guard.guard_limits, rows);
-        law_gauge_rail(in.joint_torque, railed_.data(), guard.guard_limits, n, rows);
+        law_gauge_rail(in.joint_torque, railed.data(), guard.guard_limits, n, rows);
         if (law == TorqueLaw::adaptive && has_state && now % kWatchTicks == 0) watch(in);
         if (rows.count > 0 && rows.strongest() >= kDegrade)
             degraded_samples = guard.guard_limits.recover_samples[0];
@@ -595,8 +480,10 @@ class TorqueTick {
         std::fill(started, started + n, 0.0);
     }
 
+    std::vector<double> railed;
+
   private:
-    std::vector<double> railed_, no_age_, ticks_, kept_;
+    std::vector<double> no_age_, ticks_, kept_;
 };
 
 }  // namespace hd

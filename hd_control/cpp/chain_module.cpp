@@ -137,6 +137,10 @@ void bind_tables(py::module_& m) {
         .def_property_readonly("entries", block(&FaultTable::entries))
         .def_property_readonly("stop", block(&FaultTable::stop))
         .def("clear", &FaultTable::clear)
+        .def("take_over", [](FaultTable& table, const FaultTable& other) {
+            if (table.joints != other.joints) throw std::invalid_argument("faults of other joints");
+            table = other;
+        })
         .def("note", [](FaultTable& table, const Array& rows, double tick) {
             const int count = static_cast<int>(rows.size()) / kFaultFields;
             table.note(FaultRows{const_cast<double*>(rows.data()), count, count}, tick);
@@ -147,17 +151,22 @@ void bind_tables(py::module_& m) {
         .def_readonly("width", &RowRing::width)
         .def_property_readonly("written", [](const RowRing& r) { return r.written.load(); })
         .def_property_readonly("stops", [](const RowRing& r) { return r.stops.load(); })
-        .def_property_readonly("stop_row", [](const RowRing& r) { return r.stop_row.load(); })
+        .def_property_readonly("stop_rows", block(&RowRing::stop_rows))
+        .def_property_readonly("causes", block(&RowRing::causes))
         .def_property_readonly("data", block(&RowRing::data))
         .def("watch", [](RowRing& ring, Array array) {
             ring.watch(array.data(), static_cast<std::size_t>(array.size()));
         }, py::keep_alive<1, 2>())
-        .def("note", &RowRing::note);
+        .def("note", [](RowRing& ring, double tick, const std::optional<Array>& cause) {
+            ring.note(tick, cause ? numbers(*cause, kFaultFields, "cause") : nullptr);
+        });
+    m.attr("STOPS") = RowRing::kStops;
 }
 
 template <class Tick, class Class>
 void bind_parameters(Class& c) {
     c.def("offer", [](Tick& t, const Array& b) { t.params.offer(numbers(b, t.params.now.size(), "parameters")); })
+        .def("arrive", [](Tick& t) { t.params.arrive(); })
         .def_property_readonly("params", [](const py::object& self) {
             return view(self.cast<Tick&>().params.now, self);
         })
@@ -296,6 +305,7 @@ void bind_torque(py::module_& m) {
         .def_readwrite("gate_open", &TorqueTick::gate_open)
         .def_readwrite("degraded_samples", &TorqueTick::degraded_samples)
         .def_readwrite("lost", &TorqueTick::lost)
+        .def_property_readonly("railed", [](const py::object& s) { return view(s.cast<TorqueTick&>().railed, s); })
         .def_property("failed", [](const TorqueTick& t) { return t.failed.load(); },
                       [](TorqueTick& t, bool failed) { t.failed.store(failed); })
         .def_property("reset_asked", [](const TorqueTick& t) { return t.reset_asked.load(); },
@@ -316,7 +326,48 @@ void bind_torque(py::module_& m) {
 
 Step step_of(const py::capsule& capsule) { return *capsule.get_pointer<Step>(); }
 
+// 1 once one of some guards has stopped its robot: a run that nobody watches ends there.
+struct StopFlag {
+    std::vector<const Guard*> guards;
+    std::vector<double> value = std::vector<double>(1, 0.0);
+
+    static void look(void* self, std::int64_t) {
+        auto* flag = static_cast<StopFlag*>(self);
+        for (const Guard* guard : flag->guards) flag->value[0] = guard->stopped() ? 1.0 : flag->value[0];
+    }
+};
+
+// The mode of the torque law for the motion law of the same process.
+struct ModeLink {
+    const TorqueTick* torque;
+    MotionTick* motion;
+
+    static void pass(void* self, std::int64_t) {
+        auto* link = static_cast<ModeLink*>(self);
+        link->motion->mode.store(link->torque->mode(), std::memory_order_relaxed);
+    }
+};
+
 void bind_sequence(py::module_& m) {
+    py::class_<StopFlag>(m, "StopFlag")
+        .def(py::init([](const std::vector<Guard*>& guards) {
+                 auto flag = std::make_unique<StopFlag>();
+                 flag->guards.assign(guards.begin(), guards.end());
+                 return flag;
+             }),
+             py::keep_alive<1, 2>())
+        .def_property_readonly("value", block(&StopFlag::value))
+        .def("step_capsule", [](const py::object& self) {
+            return owned_capsule(Step{&self.cast<StopFlag&>(), &StopFlag::look}, kStepCapsule, self);
+        });
+    py::class_<ModeLink>(m, "ModeLink")
+        .def(py::init([](TorqueTick& torque, MotionTick& motion) {
+                 return std::make_unique<ModeLink>(ModeLink{&torque, &motion});
+             }),
+             py::keep_alive<1, 2>(), py::keep_alive<1, 3>())
+        .def("step_capsule", [](const py::object& self) {
+            return owned_capsule(Step{&self.cast<ModeLink&>(), &ModeLink::pass}, kStepCapsule, self);
+        });
     py::class_<Sequence>(m, "Sequence")
         .def(py::init<>())
         .def("copy", [](Sequence& s, const Array& from, Array to) {

@@ -38,6 +38,9 @@ constexpr int kCodes = 48;
 enum Action { kRefuse = 0, kReport = 1, kDegrade = 2, kControlledStop = 3, kTorqueRamp = 4 };
 constexpr int kFaultFields = 5;  // code, joint (-1: none), value, limit, action
 
+inline const double kExceptionRow[kFaultFields] = {kException, -1.0, 1.0, 0.0, kTorqueRamp};
+inline const double kUnknownStop[kFaultFields] = {kStopLeft, -1.0, NAN, NAN, kTorqueRamp};  // nobody has kept its fault
+
 // Rows of one sample in memory of the caller. What does not fit is dropped: the first findings are the causes.
 struct FaultRows {
     double* rows = nullptr;
@@ -126,7 +129,7 @@ class FaultTable {
         seen_ = 0.0;
     }
 
-    const int joints;
+    int joints;
     std::vector<double> entries, stop;
     double stop_tick = -1.0;
 
@@ -149,24 +152,30 @@ class RowRing {
         data.assign(rows * width, 0.0);
     }
 
-    // `cause`: 0 while nothing is stopped, else the number of the stop's cause; a change from 0 marks a stop.
-    void note(double tick, bool stopped) {
-        double* row = data.data() + (written.load(std::memory_order_relaxed) % rows) * width;
+    // One row. `cause`: the row of the fault by which the robot is stopped, null while it is not; where the rows before
+    // had none, this is the row of a new stop.
+    void note(double tick, const double* cause) {
+        const std::uint64_t now = written.load(std::memory_order_relaxed);
+        double* row = data.data() + (now % rows) * width;
         row[0] = tick;
         double* to = row + 1;
         for (const auto& [from, count] : sources_) to = std::copy(from, from + count, to);
-        const std::uint64_t now = written.fetch_add(1, std::memory_order_release) + 1;
-        if (stopped && !stopped_) {
-            stop_row.store(now - 1, std::memory_order_relaxed);
+        written.store(now + 1, std::memory_order_release);
+        if (cause != nullptr && !stopped_) {
+            const std::size_t slot = stops.load(std::memory_order_relaxed) % kStops;
+            stop_rows[slot] = static_cast<double>(now);
+            std::copy(cause, cause + kFaultFields, causes.begin() + static_cast<std::ptrdiff_t>(slot * kFaultFields));
             stops.fetch_add(1, std::memory_order_release);
         }
-        stopped_ = stopped;
+        stopped_ = cause != nullptr;
     }
 
+    static constexpr std::size_t kStops = 16;  // stops that may wait until somebody looks
     const std::size_t rows;
     std::size_t width = 1;
     std::vector<double> data;
-    std::atomic<std::uint64_t> written{0}, stops{0}, stop_row{0};
+    std::vector<double> stop_rows = std::vector<double>(kStops), causes = std::vector<double>(kStops* kFaultFields);
+    std::atomic<std::uint64_t> written{0}, stops{0};
 
   private:
     struct Source {

@@ -115,6 +115,14 @@ def initial_state(params: Block, sample: Block | None = None) -> Block:
     return state
 
 
+def output_layout(params: Block) -> Layout:
+    """Layout of the output of the law that a parameter block belongs to."""
+    other = _LAW_OF_BLOCK.get(params.layout.name)
+    name = params.layout.name.replace("Params", "Output")
+    found: Layout = layout(name, params.joints) if other is None else other.layout(name, params.joints)
+    return found
+
+
 def restarted(state: Block) -> Block:
     """The state after a stop: estimates kept, filters filled anew with the next sample (bumpless restart)."""
     new = state.copy()

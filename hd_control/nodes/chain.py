@@ -60,7 +60,7 @@ class ChainNode(StageShell):
         limits = safety_limits(values["limits"], self.robot.joint_names, self.dt)
         fusion_stage = FusionStage(self.robot, self.dt, limits)
         for numbers, columns in fusion_stage.signals():
-            self.torque.black_box.watch(self.robot.joint_names, numbers, columns)
+            self.torque.watch(self.robot.joint_names, numbers, columns)
         return [fusion_stage, self.motion, self.torque]
 
     def run_stages(self, tick: int, stamp_ns: int, bus: Bus) -> None:

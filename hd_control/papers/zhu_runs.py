@@ -14,18 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from hd_control.chain.torque_stage import TorqueStage
 from hd_control.core.arrays import FloatArray
 from hd_control.core.blocks import Block
 from hd_control.core.workers import serve_only
 from hd_control.papers.rows import Progress, load_constants
 from hd_control.papers.zhu_options import STARTS, Case, setup_of
 from hd_sim import scenario
-from hd_sim.closed_loop import run_through
-from hd_sim.plant_config import PlantConfig
 from hd_sim.runner import Runner
 from hd_sim.scenario import Context, Plan, Scenario, make_plan
-from hd_sim.world import World
 
 PROCESSES = 2
 MEAN_SECONDS = 0.1
@@ -65,18 +61,6 @@ class History:
     stopped: bool
 
 
-class PromptWorld(World):
-    """A world in which the command of a sample acts at once: no delay, which no real loop has."""
-
-    def __init__(self, config: PlantConfig, seed: int, torque: TorqueStage) -> None:
-        super().__init__(config, torque.limits, seed)
-        self._torque = torque
-
-    def advance(self) -> None:
-        self.seam.plant.latch(self._torque.allowed)
-        super().advance()
-
-
 def motion_of(case: Case) -> Scenario:
     """The motion of a case as a scenario."""
     constants = load_constants("zhu")
@@ -96,9 +80,7 @@ def motion_of(case: Case) -> Scenario:
 def started(case: Case) -> tuple[Runner, Plan]:
     """A runner ready for its first tick, and what it is to do."""
     setup = setup_of(case)
-    runner = Runner(setup)
-    if case.delay == 0:
-        runner.world = PromptWorld(setup.config, case.seed, runner.torque)
+    runner = Runner(setup, prompt=case.delay == 0)
     if case.rate_gain is not None:
         assert runner.torque.params is not None
         runner.torque.params.torque_rate_gain = case.rate_gain
@@ -109,12 +91,11 @@ def started(case: Case) -> tuple[Runner, Plan]:
 def history(case: Case) -> History:
     """Runs a case to the end of its window or its stop; rows after a stop are not numbers.
 
-    The start is the whole chain with its monitors, the rest `hd_sim.closed_loop`. Raises GoalError if the robot refuses
-    the motion.
+    The whole chain with its monitors. Raises GoalError if the robot refuses the motion.
     """
     runner, plan = started(case)
     first, last = (round(time / runner.period) for time in plan.window)
-    run, n = run_through(runner, dict(plan.goals), last, case.delay == 0), runner.robot.joints
+    run, n = runner.record(dict(plan.goals), last), runner.robot.joints
     params, state = runner.torque.params, runner.torque.state
     assert params is not None and state is not None
     parts = {name: run.states[:, state.layout.slices[name]].reshape(-1, n) for name in ESTIMATES}

@@ -26,10 +26,10 @@ constexpr double kVelocityWeight = 0.18;  // share of a new difference: a low-pa
 
 class DriveSide {
   public:
-    // `velocity_at`: where the true joint rates lie in the plant's state, for the reset of the simulated drive.
+    // `position_at`, `velocity_at`: where the true joint angles and rates lie in the plant's state.
     DriveSide(World& world, int joints, double period, const double* gate_limits, const double* guard_limits,
-              const double* bounds, const double* gear_ratio, std::size_t state_size, std::size_t velocity_at,
-              std::size_t before, std::size_t after)
+              const double* bounds, const double* gear_ratio, std::size_t state_size, std::size_t position_at,
+              std::size_t velocity_at, std::size_t before, std::size_t after)
         : n(joints),
           guard(gate_limits, guard_limits, bounds, joints, period,
                 hd::GuardLimits(const_cast<double*>(guard_limits), joints).brake_samples[0]),
@@ -42,6 +42,7 @@ class DriveSide {
           readings(PlantSample::size(joints), 0.0),
           positions(static_cast<std::size_t>(2 * joints), 0.0),
           velocities(positions),
+          true_position(command),
           watched_command(command),
           watched_readings(readings),
           command_tick(static_cast<std::size_t>(joints), kNever),
@@ -53,6 +54,7 @@ class DriveSide {
           no_age_(command),
           ticks_(command),
           state_(state_size),
+          position_at_(position_at),
           velocity_at_(velocity_at) {
         ring.watch(watched_command.data(), watched_command.size());
         ring.watch(watched_readings.data(), watched_readings.size());
@@ -126,9 +128,23 @@ class DriveSide {
         sample();
         std::copy(command.begin(), command.end(), watched_command.begin());
         std::copy(readings.begin(), readings.end(), watched_readings.begin());
-        ring.note(static_cast<double>(tick), guard.stopped());
+        const double* known = table.stop_tick >= 0.0 ? table.stop.data() : hd::kUnknownStop;
+        ring.note(static_cast<double>(tick), guard.stopped() ? known : nullptr);
     }
     void advance() { world_.advance(); }
+
+    // What no sensor shows, for checks of a run: the true joint position before the tick.
+    void look() {
+        world_.write_state(state_.data());
+        const double* from = state_.data() + position_at_;
+        std::copy(from, from + n, true_position.begin());
+    }
+
+    // A loop without delay, which no real one is: the chain's command acts in the tick of its own sample.
+    void advance_promptly() {
+        world_.latch(incoming.data());
+        world_.advance();
+    }
 
     // Ends a latched stop if the inputs run and the joints rest; rows of the reasons against it.
     int reset(const double* joint_velocity, double* refusals) {
@@ -142,7 +158,8 @@ class DriveSide {
     hd::RowRing ring;
     hd::OwnRows rows;
     std::vector<double> incoming;  // of a run without topics: the chain's command, until it is taken
-    std::vector<double> command, applied, readings, positions, velocities, watched_command, watched_readings;
+    std::vector<double> command, applied, readings, positions, velocities, true_position, watched_command,
+        watched_readings;
     std::vector<std::int64_t> command_tick;
     std::int64_t oldest = kNever, newest = kNever;
     bool open = false, brake_closed = true;
@@ -195,7 +212,7 @@ class DriveSide {
     std::vector<double> gear_ratio_;
     double rate_;
     std::vector<double> zero_run_, ages_, no_age_, ticks_, state_;
-    std::size_t velocity_at_;
+    std::size_t position_at_, velocity_at_;
     bool sensed_ = false;
 };
 

@@ -31,21 +31,42 @@ auto block(std::vector<Number> DriveSide::* member) {
 
 std::unique_ptr<DriveSide> make_drive_side(const py::capsule& world, int n, std::size_t state_size, double period, const Array& gate_limits,
                                            const Array& guard_limits, const Array& bounds, const Array& gear_ratio,
-                                           std::size_t velocity_at, std::size_t before, std::size_t after) {
+                                           std::size_t position_at, std::size_t velocity_at, std::size_t before, std::size_t after) {
     if (gate_limits.size() != static_cast<py::ssize_t>(hd::GateLimits::size(n)) ||
         guard_limits.size() != static_cast<py::ssize_t>(hd::GuardLimits::size(n)) || bounds.size() != 3 * n ||
         gear_ratio.size() != n)
         throw std::invalid_argument("limits, bounds and gear ratios of all joints are needed");
     return std::make_unique<DriveSide>(*world.get_pointer<hd_sim::World>(), n, period, gate_limits.data(), guard_limits.data(),
-                                       bounds.data(), gear_ratio.data(), state_size, velocity_at, before, after);
+                                       bounds.data(), gear_ratio.data(), state_size, position_at, velocity_at, before, after);
 }
 
-template <void (DriveSide::*Act)(std::int64_t)>
-py::capsule tick_capsule(const py::object& self) {
-    const hd::Step step{&self.cast<DriveSide&>(),
-                        [](void* side, std::int64_t tick) { (static_cast<DriveSide*>(side)->*Act)(tick); }};
-    return hd::owned_capsule(step, hd::kStepCapsule, self);
+// One of the side's acts for a loop.
+template <class Act>
+auto capsule(Act) {
+    return [](const py::object& self) {
+        const hd::Step step{&self.cast<DriveSide&>(),
+                            [](void* side, std::int64_t tick) { Act{}(*static_cast<DriveSide*>(side), tick); }};
+        return hd::owned_capsule(step, hd::kStepCapsule, self);
+    };
 }
+struct Measure {
+    void operator()(DriveSide& side, std::int64_t tick) const { side.measure(tick); }
+};
+struct Advance {
+    void operator()(DriveSide& side, std::int64_t) const { side.advance(); }
+};
+struct AdvancePromptly {
+    void operator()(DriveSide& side, std::int64_t) const { side.advance_promptly(); }
+};
+struct Look {
+    void operator()(DriveSide& side, std::int64_t) const { side.look(); }
+};
+// The command of a run without topics: what the chain has allowed, taken at the end of each tick.
+struct Take {
+    void operator()(DriveSide& side, std::int64_t tick) const {
+        side.offer(nullptr, side.n, side.incoming.data(), tick);
+    }
+};
 
 // Where a loop leaves the commands that arrive.
 py::capsule commands_capsule(const py::object& self) {
@@ -72,6 +93,7 @@ py::array rows_of(const double* rows, int count, int width) {
 PYBIND11_MODULE(_drive_side, m) {
     m.doc() = "The simulated drives' electronics: command watchdog, guard, brake.";
     py::module_::import("hd_control._chain");  // knows guard, fault table and ring
+    m.attr("ARMING_SAMPLES") = hd_sim::kArmingSamples;
     py::class_<DriveSide>(m, "DriveSide")
         .def(py::init(&make_drive_side), py::keep_alive<1, 2>())
         .def_property_readonly("guard", [](DriveSide& s) -> hd::Guard& { return s.guard; },
@@ -115,20 +137,12 @@ PYBIND11_MODULE(_drive_side, m) {
             s.refused = s.reset(velocity.data(), s.refusals.data());
             return rows_of(s.refusals.data(), s.refused, 4);
         })
-        .def("measure_capsule", &tick_capsule<&DriveSide::measure>)
-        .def("advance_capsule", [](const py::object& self) {
-            const hd::Step step{&self.cast<DriveSide&>(),
-                                [](void* side, std::int64_t) { static_cast<DriveSide*>(side)->advance(); }};
-            return hd::owned_capsule(step, hd::kStepCapsule, self);
-        })
+        .def("measure_capsule", capsule(Measure{}))
+        .def("advance_capsule", capsule(Advance{}))
+        .def("advance_promptly_capsule", capsule(AdvancePromptly{}))
+        .def("look_capsule", capsule(Look{}))
+        .def("take_capsule", capsule(Take{}))
+        .def_property_readonly("true_position", block(&DriveSide::true_position))
         .def("commands_capsule", &commands_capsule)
-        // The command of a run without topics: what the chain has allowed, taken at the end of each tick.
-        .def("take_capsule", [](const py::object& self) {
-            const hd::Step step{&self.cast<DriveSide&>(), [](void* side, std::int64_t tick) {
-                auto* drive = static_cast<DriveSide*>(side);
-                drive->offer(nullptr, drive->n, drive->incoming.data(), tick);
-            }};
-            return hd::owned_capsule(step, hd::kStepCapsule, self);
-        })
         .def_property_readonly("incoming", block(&DriveSide::incoming));
 }

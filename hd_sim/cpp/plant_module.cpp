@@ -9,7 +9,6 @@
 #include <string>
 #include <vector>
 
-#include "closed_loop_face.hpp"
 #include "plant.hpp"
 
 namespace py = pybind11;
@@ -111,12 +110,6 @@ class Kernel {
         return py::make_tuple(seen, real);
     }
 
-    // Ordinary ticks of the whole robot; hd_sim/closed_loop.py says what `given` holds.
-    py::tuple run_loop(const py::dict& given, long first, std::size_t ticks) {
-        const auto size = static_cast<std::size_t>(size_of("PlantState"));
-        return hd_sim::run_closed_loop(*world_, size, joints_, given, first, ticks);
-    }
-
     py::tuple accelerate(const Array& q, const Array& w, const Array& torque, const Array& armature) {
         for (const Array* each : {&q, &w, &torque, &armature}) check(*each, joints_, "argument");
         Array acceleration(joints_), bias(joints_), inertia({joints_, joints_});
@@ -174,11 +167,10 @@ PYBIND11_MODULE(_plant, m) {
         .def("advance", &Kernel::advance)
         .def("step", &Kernel::step)
         .def("step_many", &Kernel::step_many)
-        .def("run_loop", &Kernel::run_loop)
         .def("sample", &Kernel::sample)
         .def("truth", &Kernel::truth)
         .def("brake", &Kernel::brake)
         .def("external", &Kernel::external)
         .def("accelerate", &Kernel::accelerate)
-        .def("world", &Kernel::world, py::keep_alive<0, 1>());
+        .def("world", &Kernel::world);
 }

@@ -5,7 +5,7 @@ import pytest
 
 from hd_control.core.faults import FaultCode
 from hd_control.safety.limits import safety_limits
-from hd_sim.drive_side import ARMING_SAMPLES, DriveSeam
+from hd_sim.drive_side import ARMING_SAMPLES, DriveSide
 from hd_sim.plant import Plant
 from hd_sim.plant_config import PlantConfig
 
@@ -13,7 +13,7 @@ from hd_sim.plant_config import PlantConfig
 @pytest.fixture
 def seam():
     config = PlantConfig.from_file("arm_a")
-    return DriveSeam(Plant(config), safety_limits("limits.yaml", config.robot.joint_names, config.period))
+    return DriveSide(Plant(config), safety_limits("limits.yaml", config.robot.joint_names, config.period))
 
 
 def _gravity(seam):

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from hd_sim.closed_loop import run_through
 from oracles.kinematic_error import kinematic_error
 
 from hd_control.chain.chain import shipped_values
@@ -12,7 +13,6 @@ from hd_control.core.parameters import Shape
 from hd_control.drive.model import JointModel, Model, ModelValue
 from hd_control.laws import fusion, torque
 from hd_control.laws.from_model import PARAMETERS, apply_model
-from hd_sim.closed_loop import run_through
 from hd_sim.plant_config import PlantConfig
 from hd_sim.runner import Runner, RunSetup
 from hd_sim.scenario import find_scenario, make_plan

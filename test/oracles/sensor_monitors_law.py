@@ -266,14 +266,15 @@ def _judge_turn(whole: BoolArray, mean: FloatArray, ripple: FloatArray, limits: 
     return faults
 
 
-# ---- F03 for the two position sensors: one repeats a reading while the others show that it ought to have moved ----
+# ----------------------------------------------------------------------------------------------------
+# F03 for the two position sensors: one repeats a reading while the others show that it ought to have moved.
 #
 # A position sensor at rest repeats itself, so repetition alone says nothing. Motor position phi, joint position q and
 # gauge torque tau are tied by the spring, phi - q = tau / k: each position is expected from the other one and the
 # torque, also when a blocked joint winds the spring up. Kinematic error and hysteresis stay in the expectation; the
 # limit allows for them. And the other position must have moved itself: a gauge that drifts at standstill is no motion.
 #
-# A gauge that repeats itself is found by `frozen`.
+# A gauge that repeats itself is found by `sensor_monitors.frozen`.
 
 
 @dataclass(frozen=True)
