@@ -90,7 +90,7 @@ def shipped_sources() -> list[Path]:
 def dependency_problems(found: Mapping[str, set[str]], asked: set[str], ros: set[str]) -> list[str]:
     """Imports that are not declared, declared packages without import. `asked`: pyproject.toml, `ros`: package.xml."""
     problems = []
-    for module, files in found.items():
+    for module, files in sorted(found.items()):
         name = DISTRIBUTIONS.get(module, module)
         if from_ros(module):
             problems += [] if module in ros else [f"{module} is not in package.xml: {sorted(files)[0]}"]

@@ -10,7 +10,7 @@ import pytest
 
 from hd_control.core.errors import ConfigError
 from hd_control.core.robot import Robot
-from hd_control.drive.link import arm_terms, link_terms, own_link, torques
+from hd_control.drive.link import added_bodies, arm_terms, link_terms, own_link, single_inertia, torques
 from hd_control.drive.model import JointModel, Model, ModelValue, model_from_urdf
 
 ROBOTS = ("arm_a", "arm_c", "single_joint_3")
@@ -55,6 +55,17 @@ def test_regressors_are_the_torque_of_an_added_body(name: str, rng: np.random.Ge
         for body, regressor in ((j, own), (last, tool)):
             added = torques(_with_body(robot, body), q, v, a, 9.81) - before
             np.testing.assert_allclose(regressor @ parameters, added[:, j], atol=1e-10)
+
+
+def test_what_the_model_adds_stands_in_the_order_of_the_regressor() -> None:
+    values = {"tool_mass": ModelValue(2.0), "tool_moment_y": ModelValue(0.3), "link_inertia_yz": ModelValue(0.5)}
+    joint = JointModel(100.0, None, {"payload": values, "link_dynamics": {"inertia": ModelValue(4.0)}})
+    own, last = added_bodies(joint)
+    np.testing.assert_array_equal(own, [*[0.0] * 8, 0.5, 0.0])
+    np.testing.assert_array_equal(last, [2.0, 0.0, 0.3, *[0.0] * 7])
+    assert single_inertia(joint) == 4.0
+    bare = JointModel(100.0)
+    assert not np.any(added_bodies(bare)) and single_inertia(bare) == 0.0
 
 
 def _apart(mass: float, arm: np.ndarray) -> np.ndarray:

@@ -177,7 +177,7 @@ def test_each_contradiction_of_a_plain_joint_is_named_alone(spoiled: dict[str, f
 
 @pytest.mark.parametrize("ratio", [99.0, 101.0, 160.0])
 def test_the_ratio_that_the_positions_have_is_named(ratio: float) -> None:
-    """1e-3 of it is what the torsion may add; here the gauge tells the torsion apart, 1e-5 is left."""
+    """1e-3 of it is what the torsion may add; here the gauge takes the torsion out, 1e-5 is left."""
     (sentence,) = check_signals(plain(), ratio)
     found = re.search(r"turns ([\d.]+) per joint turn, the model says ([\d.]+)", sentence)
     assert found and float(found[1]) == pytest.approx(RATIO, rel=1e-4) and float(found[2]) == ratio

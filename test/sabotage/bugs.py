@@ -204,9 +204,9 @@ BUGS = [
     ),
     (
         "S28 write error swallowed",
-        "hd_control/record/writer.py",
-        "            self.failed = str(error.strerror or error)\n            raise write_error(self.file_path, error) from None\n\n    def _check_open",
-        "            pass\n\n    def _check_open",
+        "hd_control/record/recorder.py",
+        "            self._fail(str(self.bag.refused(error)))\n            return 0\n",
+        "            return 0\n",
         "test/record/test_recorder.py -k fills_up",
     ),
     (

@@ -17,8 +17,6 @@ from hd_control.lab.diagnosis.candidates import Group
 from hd_control.lab.diagnosis.dictionary import Dictionary, base_of
 from hd_control.lab.diagnosis.scores import Scores
 
-SCALE = {MOTOR: "drive_torque", LINK: "drive_torque"}
-
 
 @dataclass(frozen=True)
 class Fit:
