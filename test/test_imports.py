@@ -61,13 +61,12 @@ ALLOWED: dict[str, set[str]] = {
     "hd_sim.recording": {
         "hd_control.core", "hd_control.laws.trajectory", "hd_control.chain", "hd_control.record", "hd_sim",
     },
-    "hd_sim.world": {"hd_control.core", "hd_control.safety.limits", "hd_control.chain", "hd_sim"},
+    "hd_sim.world": {"hd_control.core", "hd_control.safety", "hd_control.chain", "hd_sim"},
     # The drive side stands for the drive's electronics, whose own gate is the last one before the motor.
-    "hd_sim.drive_side": {"hd_control.core", "hd_control.safety", "hd_sim"},
-    "hd_sim.closed_loop": {
-        "hd_control.core", "hd_control.laws", "hd_control.safety", "hd_control.chain.motion_stage", "hd_sim",
+    "hd_sim.drive_side": {"hd_control.core", "hd_control.safety", "hd_control.chain.black_box", "hd_sim"},
+    "hd_sim.runner": {
+        "hd_control._chain", "hd_control.core", "hd_control.laws", "hd_control.safety", "hd_control.chain", "hd_sim",
     },
-    "hd_sim.runner": {"hd_control.core", "hd_control.laws", "hd_control.safety", "hd_control.chain", "hd_sim"},
     "hd_sim.nodes": {
         "hd_control.core", "hd_control.safety", "hd_control.chain", "hd_control.record", "hd_control.nodes",
         "hd_control._messages", "hd_sim",

@@ -15,6 +15,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 TOPS = ("hd_control", "hd_sim")
 REASONS = {
+    "hd_sim.drive_side": "the drives' electronics are a subject of their own: watchdog, guard, brake",
     "hd_control.bench.peers": "the only file that may import MuJoCo, which is an extra",
     "hd_control.lab.diagnosis.claims": "what may be said of a selection, apart from the order in which it is found",
     "hd_control.lab.signals.delays": "the search for a shift in time, apart from the sentences of the checks",
