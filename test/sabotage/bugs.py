@@ -3,8 +3,6 @@
 Tests are a file, or a file and ` -k expression`. Missing of the thirty: S25 and S26 need a CAN bridge, S30 a studio.
 """
 
-# ruff: noqa: E501 - pieces of code are quoted as they stand
-
 GATE = "hd_control/cpp/safety.hpp"
 GUARD = "hd_control/safety/guard.py"
 STAGE = "hd_control/chain/torque_stage.py"
