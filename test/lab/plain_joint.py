@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -12,6 +13,9 @@ from hd_control.drive.model import JointModel, Model, ModelValue
 from hd_control.lab.balances.channels import JointEquations, Known, LinkFunction, LinkTerms
 from hd_control.lab.balances.equations import build_equations
 from hd_control.lab.balances.states import JOINT_TAPER
+from hd_control.lab.diagnosis.candidates import Candidate
+from hd_control.lab.diagnosis.dictionary import Dictionary, build
+from hd_control.lab.diagnosis.scores import Scores
 from hd_control.lab.signals.filters import Band, Spectral, band_for
 from hd_control.lab.signals.joint_signals import JointSignals, Recording
 
@@ -84,3 +88,26 @@ def model(joint: Joint = PLAIN, without: Sequence[str] = ()) -> Model:
 def recording(recorded: JointSignals) -> Recording:
     """A recording of that joint alone."""
     return Recording("made", "", {NAME: recorded})
+
+
+def planted(
+    candidates: Sequence[Candidate], sizes: Mapping[str, float] | None = None, seed: int = 0, memory: float = 0.0
+) -> Dictionary:
+    """A dictionary whose white rows are known: base of the plain joint, `sizes` x columns of candidates, and noise.
+
+    sizes: coefficient of each column of the first group of that name; columns have unit norm, so nats are half its
+    square. Noise has unit variance; with `memory` it is an autoregression, as if whitening had left one.
+    """
+    from scipy.signal import lfilter
+
+    found, random = build(equations(), candidates), np.random.default_rng(seed)
+    true = np.zeros(found.size)
+    true[found.base] = Scores(found).fit(found.base)
+    for name, size in (sizes or {}).items():
+        true[next(group for group in found.groups if group.name == name).index] = size
+    rows = {}
+    for name, part in found.rows.items():
+        noise = np.sqrt(1.0 - memory**2) * random.standard_normal(part.left.size)
+        left = part.columns @ true[part.index] + lfilter([1.0], [1.0, -memory], noise)
+        rows[name] = replace(part, left=left)
+    return replace(found, rows=rows)
