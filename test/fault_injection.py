@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -111,15 +110,11 @@ def _draw_injection(random: np.random.Generator, joints: int) -> Injection:
 
 
 class InjectedExceptionError(RuntimeError):
-    """What a law raises on request of an injection."""
-
-
-def _raise() -> None:
-    raise InjectedExceptionError("injected")
+    """What a node raises on request of an injection."""
 
 
 class FaultyRunner(Runner):
-    """A runner whose inputs go through injections. `given` are the torques of the last gate, (n,) N m per tick.
+    """A runner whose inputs go through injections. `given` is the torque of the last gate in this tick, (n,) N m.
 
     `seen` lists per injection the ticks in which its change reached everything that waits for the topic: where another
     fault keeps that message, or one it is joined with, away, there was nothing to be seen.
@@ -137,9 +132,6 @@ class FaultyRunner(Runner):
             stage.wiring.name: [topic for topic in stage.wiring.inputs if topic not in stage.wiring.optional]
             for _, stage in self.stages
         }
-        plant = self.world.seam.plant
-        self._latch = plant.latch
-        plant.latch = self._record  # type: ignore[method-assign, assignment]
 
     def inject(self, injections: Sequence[Injection]) -> None:
         """From now on these faults, instead of those before."""
@@ -148,14 +140,11 @@ class FaultyRunner(Runner):
         for injection in injections:
             self._faults.setdefault(injection.target, []).append(injection)
 
-    def _record(self, torque: Any) -> None:
-        self.given = np.array(torque, dtype=float)
-        self._latch(torque)
-
     def step(self) -> Bus:
         """One tick; a topic that is missing is not in the result."""
         tick = self.tick
         bus = self._corrupt(tick, sensor_arrays(self.world.measure(tick)))
+        self.given = self.world.seam.native.applied.copy()
         silent: set[str] = set()
         for _, stage in self.stages:
             name = stage.wiring.name
@@ -182,11 +171,16 @@ class FaultyRunner(Runner):
             self.seen[injection].append(tick)
         if stage is not self.torque:
             return {}  # the node's loop ends its turn: silence
-        stage.advance = _raise  # type: ignore[method-assign]
         try:
-            return stage.step(tick, bus)
-        finally:
-            del stage.advance
+            raise InjectedExceptionError("injected")
+        except InjectedExceptionError as error:
+            stage.emergency(error)
+        return stage.step(tick, bus)
+
+    def reached(self, tick: int) -> FloatArray:
+        """The torque (n,) N m that the plant has taken for a tick, cut to its own limit; one of the last 32."""
+        commands = self.world.seam.plant.state.commands
+        return np.array(commands.reshape(len(commands), -1)[:, tick % 32])
 
     def _acts(self, tick: int, target: str, kind: str) -> bool:
         return any(i.kind == kind and i.on(tick) for i in self._faults.get(target, ()))

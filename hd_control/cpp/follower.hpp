@@ -53,6 +53,7 @@ struct MotionPath {
     // Standing still at `position` from `tick` on; in memory that is there.
     void hold(const double* position, std::int64_t tick) {
         start[0] = start[1] = tick;
+        for (auto& each : knots) each[0] = 0.0;  // an earlier delay may have moved it
         std::fill(end.begin(), end.end(), 0.0);
         std::copy(position, position + joints, end.begin());
         half.store(0, std::memory_order_release);

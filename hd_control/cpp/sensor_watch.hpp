@@ -92,6 +92,7 @@ class SensorWatch {
 
     void start() {
         screened_ = watched_ = summed_ = false;
+        for (auto* each : {&mean, &ripple}) std::fill(each->begin(), each->end(), NAN);
         std::fill(run_.begin(), run_.end(), 0.0);
     }
 
@@ -268,8 +269,10 @@ class SensorWatch {
     // shaft. Over whole turns kinematic error and quantisation cancel in the mean; the 2 beta part reappears when a
     // branch of the bridge is open. At standstill nothing is observed, and nothing is called healthy.
     void redundancy(const double* shaft, const double* gauge_angle, FaultRows& faults) {
-        if (!summed_) first_sums(shaft);
-        summed_ = true;
+        if (!summed_) {
+            first_sums(shaft);
+            summed_ = true;
+        }
         for (int j = 0; j < n; ++j) step_[at(0, j)] = shaft[j] - angle_[at(0, j)];
         if (!(all_finite(step_.data(), n) && all_finite(residual_.data(), n))) return first_sums(shaft);
         const TurnLimits turn{kWholeTurn, kLongestWay, kLargestStep};

@@ -5,10 +5,10 @@ import os
 
 import numpy as np
 from counts import count
+from oracles import gate_law
 from results import write_result
 
 from hd_control.safety import gate as sg
-from hd_control.safety.guard import new_measured
 from hd_control.safety.limits import limits_layout
 
 GOALS = ("G4",)
@@ -30,18 +30,18 @@ def test_g4_nothing_unsafe_leaves_the_gate():
     random = np.random.default_rng(SEED)
     values = {"age_limit": 10.0, "rate_excess_limit": 20.0, "reset_samples": 5.0, "standstill_velocity": 0.01}
     limits = limits_layout(N).pack(values | {"torque_limit": LIMIT, "torque_step": STEP})
-    measured, state, unsafe = new_measured(N), sg.initial_gate_state(N), 0
+    state, unsafe = sg.initial_gate_state(N), 0
     tick = 0.0
     for k in range(CASES):
         if k % 50 == 0:
-            state = sg.activate(sg.initial_gate_state(N), limits, random.uniform(-1.0, 1.0, N) * LIMIT)
+            state = gate_law.activate(sg.initial_gate_state(N), limits, random.uniform(-1.0, 1.0, N) * LIMIT)
             tick, wild = 0.0, random.random() < 0.5
         tick += 1.0
         command = odd_numbers(random, N, 30.0) if wild else state.last_torque + random.normal(0.0, 1.0, N) * STEP
         ages = odd_numbers(random, N, 3.0) if wild and random.random() < 0.1 else np.zeros(N)
         ticks = odd_numbers(random, N, 9.0) if wild and random.random() < 0.1 else np.full(N, tick)
         before = state.last_torque.copy()
-        out, state, _ = sg.safety_gate(command, measured, ages, ticks, limits, state)
+        out, state, _ = sg.safety_gate(command, ages, ticks, limits, state)
         slack = 1e-12 * (np.abs(out) + np.abs(before) + STEP)
         safe = (np.abs(out) <= LIMIT) & (np.abs(out - before) <= STEP + slack)
         if state.stopped != 0.0:

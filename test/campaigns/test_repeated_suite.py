@@ -15,10 +15,8 @@ GOALS = ("G22",)
 ROOT = Path(__file__).resolve().parents[2]
 REPEATS = 50
 TESTS = (
-    "test/safety/test_safety_gate.py",
-    "test/safety/test_guard.py",
+    "test/safety",
     "test/laws/test_goal_check.py",
-    "test/safety/test_sensor_monitors.py",
     "test/chain",
     "test/hd_sim/test_fault_campaign.py",
     "test/hd_sim/test_clock_jumps.py",

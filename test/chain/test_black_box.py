@@ -147,13 +147,14 @@ def test_g19_every_signal_of_the_last_two_seconds_with_and_without_a_recorder(tm
     runner, with_recorder = stopped_run(recorder)
     _, without = stopped_run(None)
     assert recorder.close() == ""
-    assert (without.stop_tick, without.ticks[0], without.ticks[-1], len(without.ticks)) == (2500, 500, 3500, 3001)
+    # The exception came before tick 2500: its row is the newest of that moment.
+    assert (without.stop_tick, without.ticks[0], without.ticks[-1], len(without.ticks)) == (2499, 499, 3499, 3001)
     for topic, (_, arrays) in without.topics.items():
         for name, table in arrays.items():
             np.testing.assert_array_equal(table, with_recorder.topics[topic][1][name])
     path = write_incident(tmp_path / "boxes", without, Origin("/chain", "f" * 16, 10**6, runner.robot.urdf, "a: 1\n"))
     assert main(["info", str(path), "--json", str(tmp_path / "info.json")]) == 0
-    assert "black box of /chain, stopped in tick 2500: HD-F33 exception: Injected" in capsys.readouterr().out
+    assert "black box of /chain, stopped in tick 2499: HD-F33 exception: Injected" in capsys.readouterr().out
     said = json.loads((tmp_path / "info.json").read_text())
     assert "HD-F33 exception" in said["session"]["stop"] and "Traceback" in said["session"]["stop"]
     bag = BagReader(path)
@@ -161,7 +162,7 @@ def test_g19_every_signal_of_the_last_two_seconds_with_and_without_a_recorder(tm
                 "joint_reference", "joint_torque_required", COMMAND}  # fmt: skip
     assert expected <= {topic.strip("/") for topic in bag.counts}
     recorded, kept = BagReader(tmp_path / "recording").columns(COMMAND), bag.columns(COMMAND)
-    np.testing.assert_array_equal(kept.values["effort"], recorded.values["effort"][500:3501])
+    np.testing.assert_array_equal(kept.values["effort"], recorded.values["effort"][499:3500])
     assert np.abs(kept.values["effort"]).max() > 1.0
 
 

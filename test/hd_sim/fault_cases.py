@@ -47,7 +47,8 @@ def run_case(case):
     oracle, seam = make_oracle(runner), runner.world.seam
     plant, stop_tick, detected = seam.plant, -1, ""
     degraded = DegradedOracle(runner.goal_limits.velocity)
-    first_stops = {}
+    first_stops, elsewhere = {}, []
+    limit = plant.config.drives["torque_limit"]
     for tick in range(case.ticks):
         if tick == ARMED:
             start_motion(runner, case)
@@ -55,6 +56,8 @@ def run_case(case):
         runner.step()
         stopped, controlled = seam.stopped, seam.guard.controlled
         oracle.look(tick, runner.given, seam.armed, stopped, controlled, used, plant.state, plant)
+        if not np.array_equal(runner.reached(tick), np.clip(runner.given, -limit, limit)):
+            elsewhere.append(f"tick {tick}: {runner.reached(tick)} reached the plant, {runner.given} left the gate")
         law = runner.torque
         mode = law.mode
         if mode == "DEGRADED" or degraded.since is not None:
@@ -69,11 +72,11 @@ def run_case(case):
             detected = first.code.name if first is not None else "?"
     found = [*oracle.found[:5], *degraded.found[:5]]
     problems = [f"{letter} joint {joint} at tick {tick}" for tick, letter, joint in found]
-    problems += black_box_problems(runner, first_stops)
+    problems += elsewhere[:3] + black_box_problems(runner, first_stops)
     for injection in case.injections:
-        limit = deadline(injection, runner.seen[injection])
-        if limit is not None and not 0 <= stop_tick <= limit:
-            problems.append(f"no stop by tick {limit} ({injection.target} {injection.kind}), stopped at {stop_tick}")
+        last = deadline(injection, runner.seen[injection])
+        if last is not None and not 0 <= stop_tick <= last:
+            problems.append(f"no stop by tick {last} ({injection.target} {injection.kind}), stopped at {stop_tick}")
     return Verdict(problems, stop_tick, oracle.fastest, detected)
 
 

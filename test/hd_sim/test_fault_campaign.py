@@ -124,6 +124,17 @@ def test_a_random_torque_instead_of_the_controller_stays_inside_the_limits():
     assert verdict.problems == [] and verdict.stop_tick >= 400
 
 
+def test_the_judge_sees_the_torque_that_reaches_the_plant():
+    """Of a moving robot, not of one that nothing drives."""
+    runner = make_runner(case("encoder", "ok"))
+    for tick in range(600):
+        if tick == 120:
+            start_motion(runner, case("encoder", "ok"))
+        runner.step()
+        if tick > 150:
+            assert runner.given.all() and runner.reached(tick).tolist() == runner.given.tolist()
+
+
 def test_an_impossible_injection_is_an_error():
     for target, kind in (("encoder", "melted"), ("fusion", "stuck"), ("tea", "off")):
         with pytest.raises(ConfigError, match="cannot inject"):

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from hd_sim.closed_loop import run_through
 from oracles.kinematic_error import kinematic_error
 
 from hd_control.chain.chain import shipped_values
@@ -175,7 +174,7 @@ def track(config, values, scenario):
     start, limit = runner.world.seam.plant.config.start_position, runner.goal_limits.velocity
     plan = make_plan(find_scenario(scenario), runner.robot.joint_names, start, limit, runner.period)
     first, last = (round(time * 1e3) for time in plan.window)
-    run = run_through(runner, dict(plan.goals), last)
+    run = runner.record(dict(plan.goals), last)
     assert not run.stopped
     window = (run.desired - run.true_position)[first:last]
     return float(np.sqrt(np.mean(window**2))), float(np.abs(window).max())

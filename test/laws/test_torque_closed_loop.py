@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from oracles import gate_law
 from oracles.bristle_joint import BristleJoint, PendulumMotion, reference
 from oracles.derivative import Derivative
 
@@ -17,7 +18,6 @@ from hd_control.laws import fusion, torque
 from hd_control.laws.calibration import joint_count, quantise
 from hd_control.safety import gate as sg
 from hd_control.safety import limits
-from hd_control.safety.guard import new_measured
 
 T = 1e-3
 JOINTS = {
@@ -45,7 +45,7 @@ class Chain:
         bounds = load_params_file(config_path("limits.yaml"), "limits")
         self.limits = limits.configure_gate(limits.GATE_PARAMETERS.select(bounds, [name]), T)
         self.states = [fusion.initial_state(self.fusion_params), torque.initial_state(self.torque_params)]
-        self.gate = sg.activate(sg.initial_gate_state(1), self.limits, np.zeros(1))
+        self.gate = gate_law.activate(sg.initial_gate_state(1), self.limits, np.zeros(1))
         self.samples = [fusion.new_sample(1), torque.new_sample(1), torque.new_reference(1)]
         self.motion = PendulumMotion(self.plant_values["J"], self.plant_values["mgl"], *motion)
         self.error_rate = Derivative(0.8, T)
@@ -65,7 +65,7 @@ class Chain:
             sample.view(name)[...] = seen.view(name)
         output, self.states[1] = torque.step(self.torque_params, self.states[1], sample, ref, T)
         out, self.gate, faults = sg.safety_gate(
-            output.motor_torque.copy(), new_measured(1), np.zeros(1), np.full(1, float(k)), self.limits, self.gate
+            output.motor_torque.copy(), np.zeros(1), np.full(1, float(k)), self.limits, self.gate
         )
         assert faults == [] and out[0] == output.motor_torque[0], "healthy control passes the gate untouched"
         return float(out[0])

@@ -1,19 +1,95 @@
 """The safety gate once more, in plain Python: one sample, joint after joint, the checks in their order.
 
-finite -> tick and age -> active and latch -> size -> rate (against the torque that last left the gate). Only the layout
-of the state and the words of the faults are shared with the gate under test.
+finite -> tick and age -> active and latch -> size -> rate (against the torque that last left the gate). And what
+surrounds it: activation, stop by the caller, reset. Only the words of the faults are shared with the gate under test.
 """
 
 import math
 
 import numpy as np
 
+from hd_control.core.blocks import layout_of
 from hd_control.core.faults import Action, Fault, FaultCode
 
 LARGEST_TICK = 2.0**53
+_FIELDS = (
+    ("active", 0, "-", "1: torque may leave"),
+    ("stopped", 0, "-", "1: latched stop, torque ramps to zero"),
+    ("brake_requested", 0, "-", "1 from the sample of the stop until the reset"),
+    ("stop_code", 0, "-", "fault code of the stop, 0 if none"),
+    ("stop_joint", 0, "-", "joint index of the stop, -1 if none"),
+    ("healthy_samples", 0, "samples", "healthy samples in a row"),
+    ("last_torque", 1, "N m", "last torque that left the gate"),
+    ("last_tick", 1, "-", "tick number of the last command used"),
+    ("rate_excess_run", 1, "samples", "rate excesses in a row"),
+    ("catch_up", 1, "samples", "samples left to reach the law after activation or reset"),
+    ("saturated_samples", 1, "samples", "samples limited in size since the start"),
+    ("rate_limited_samples", 1, "samples", "samples limited in rate since the start"),
+)
 
 
-def safety_gate(command, measured, ages, ticks, limits, gate_state):
+def initial_gate_state(joints):
+    """The gate before activation: no torque leaves it."""
+    state = layout_of("GateState", _FIELDS, joints).zeros()
+    state.stop_joint = -1.0
+    state.last_tick = -1.0
+    return state
+
+
+def activate(gate_state, limits, applied):
+    """The gate open, with `applied` (n,) N m as the torque that the drive holds now. A latched stop stays latched."""
+    state = caught_up(gate_state, limits)
+    state.active = 1.0
+    state.last_torque = np.asarray(applied, dtype=float)
+    return state
+
+
+def deactivate(gate_state):
+    """The gate closed: zero torque from the next sample. The latch stays as it is."""
+    state = gate_state.copy()
+    state.active = 0.0
+    return state
+
+
+def stopped_by(gate_state, code, joint):
+    """The gate after a stop that its caller demands: torque ramps to zero from the next sample on, latched."""
+    state = gate_state.copy()
+    _stop(state, code, joint)
+    return state
+
+
+def caught_up(gate_state, limits):
+    """The gate before a new source of commands: rate excesses count anew, after the time to cross the torque range."""
+    state = gate_state.copy()
+    state.rate_excess_run = 0.0
+    state.catch_up = np.ceil(2.0 * limits.torque_limit / limits.torque_step)
+    return state
+
+
+def reset(gate_state, joint_velocity, limits):
+    """Ends a latched stop. Returns (new state, []) or (the state as it was, every reason for refusing)."""
+    reasons = []
+    healthy, wanted = float(gate_state.healthy_samples), float(limits.reset_samples)
+    if not healthy >= wanted:
+        reasons.append(f"inputs healthy for {healthy:g} samples, {wanted:g} needed; wait or repair them")
+    for j in range(gate_state.joints):
+        velocity, still = float(joint_velocity[j]), float(limits.standstill_velocity)
+        if not abs(velocity) <= still:
+            reasons.append(f"joint_{j + 1} moves with {velocity:.4g} rad/s, limit {still:g} rad/s; wait for rest")
+        torque = float(gate_state.last_torque[j])
+        if not torque == 0.0:
+            reasons.append(f"joint_{j + 1} torque ramp runs at {torque:.4g} N m; wait for zero")
+    state = gate_state.copy()
+    if reasons:
+        return state, reasons
+    state.stopped = state.brake_requested = state.stop_code = 0.0
+    state.stop_joint = -1.0
+    if state.active == 1.0:
+        state = activate(state, limits, state.last_torque)
+    return state, []
+
+
+def safety_gate(command, ages, ticks, limits, gate_state):
     """Arguments and results of `hd_control.safety.gate.safety_gate`."""
     state, faults = gate_state.copy(), []
     active = bool(state.active != 0.0)

@@ -1,20 +1,11 @@
-"""Monitors around the torque law: lost ticks (F01, F17), gauge at its rail (F08), estimates at their bounds (F34)."""
-
-from __future__ import annotations
-
-from collections.abc import Mapping
-from functools import lru_cache
+"""Monitors around the torque law once more, in plain numpy: lost ticks (F01), gauge at its rail (F08), F34."""
 
 import numpy as np
 
-from hd_control import _laws
-from hd_control.core.arrays import FloatArray, IntArray
-from hd_control.core.blocks import Block, Layout, layout_of
+from hd_control.core.blocks import layout_of
 from hd_control.core.faults import Action, Fault, FaultCode
-from hd_control.laws import torque
-from hd_control.safety.limits import SafetyLimits
 
-ESTIMATES: Mapping[str, str] = {
+ESTIMATES = {
     "coulomb_torque": "coulomb_torque",
     "friction_offset": "friction_offset",
     "viscous_positive": "viscous",
@@ -36,18 +27,13 @@ _FIELDS = (
 )
 
 
-@lru_cache
-def _layout(joints: int) -> Layout:
-    return layout_of("AdaptationWatch", _FIELDS, joints)
-
-
-def initial(joints: int) -> Block:
+def initial(joints):
     """Nothing at a bound."""
-    return _layout(joints).zeros()
+    return layout_of("AdaptationWatch", _FIELDS, joints).zeros()
 
 
-def lost_ticks(gap: int, level: float, limits: SafetyLimits) -> tuple[float, list[Fault]]:
-    """What `gap` lost ticks before this one demand: report, degrade, stop. Returns the new level and faults.
+def lost_ticks(gap, level, limits):
+    """F01: what `gap` lost ticks before this one demand: report, degrade, stop. Returns the new level and faults.
 
     `level` is what was lost and is not forgiven yet; every tick that comes forgives a tenth. So ten lost in a row stop
     the robot, and so does every second one lost for 25 ticks: the laws count on their period.
@@ -64,56 +50,40 @@ def lost_ticks(gap: int, level: float, limits: SafetyLimits) -> tuple[float, lis
     return level, [Fault(FaultCode.FRAME_LOST, -1, level, bound, action)]
 
 
-def gauge_rail(torque: FloatArray, run: FloatArray, limits: Block) -> tuple[FloatArray, list[Fault]]:
+def gauge_rail(torque, run, limits):
     """F08 as the law sees it: joint torque (n,) at the rail, a few in a row, degrades; fusion stops after more of them.
 
     `limits`: GuardLimits. Returns the new run lengths and faults.
     """
-    rail = RAIL_SHARE * limits.gauge_rail
-    if _laws.all_below(torque, rail):
-        return np.zeros(run.size), []
-    free = np.abs(torque) < rail
-    run = np.where(free | np.isnan(torque), 0.0, run + 1.0)
+    free = (np.abs(torque) < RAIL_SHARE * limits.gauge_rail) | np.isnan(torque)
+    run = np.where(free, 0.0, run + 1.0)
     return run, [
         Fault(FaultCode.GAUGE_RAIL, int(j), float(torque[j]), float(limits.gauge_rail[j]), Action.DEGRADE)
         for j in np.flatnonzero(run >= limits.rail_degrade_samples)
     ]
 
 
-@lru_cache
-def _places(joints: int) -> tuple[IntArray, IntArray, IntArray]:
-    """Where estimates lie in the array of the law's state, their bounds in that of its parameters: (5, n) each."""
-    parameters, state = torque.layout("TorqueParams", joints).slices, torque.layout("TorqueState", joints).slices
-    return (
-        np.array([np.r_[state[name]] for name in ESTIMATES]),
-        np.array([np.r_[parameters[f"{stem}_low"]] for stem in ESTIMATES.values()]),
-        np.array([np.r_[parameters[f"{stem}_high"]] for stem in ESTIMATES.values()]),
-    )
-
-
-def watch(
-    memory: Block, state: Block, params: Block, sample: Block, reference: FloatArray, limits: Block, dt: float
-) -> tuple[Block, list[Fault]]:
-    """F34 of one sample. `reference`: array of the law's reference block, whose second part is the desired position.
+def watch(memory, state, params, sample, reference, limits, dt):
+    """F34 of one look. `dt` s between two looks; blocks of the adaptive law, `limits`: GuardLimits.
 
     An estimate at its bound is normal work of the projection. It becomes a fault when it lasts and the error grows.
     """
-    new, n = memory.copy(), state.joints
-    with np.errstate(invalid="ignore"):
-        error = np.abs(reference[n : 2 * n] - sample.joint_position)
-    mean, since, error_then = new.error, new.time_at_bound, new.error_at_bound
-    mean += np.where(np.isfinite(error), error - mean, 0.0) / ERROR_SAMPLES
-    own, low_at, high_at = _places(n)
-    values, low, high = state.array[own], params.array[low_at], params.array[high_at]
-    at_bound = (((values <= low) | (values >= high)) & (low < high)).any(axis=0)
-    np.copyto(error_then, mean, where=at_bound & (since == 0.0))
-    since[:] = np.where(at_bound, since + dt, 0.0)
-    long = (since > limits.adaptation_time) & (mean > SMALLEST_ERROR)
-    if not long.any():
-        return new, []
-    growth = mean / np.fmax(error_then, SMALLEST_ERROR / STOP_GROWTH)
-    found = []
-    for j in np.flatnonzero(long & (growth >= DEGRADE_GROWTH)):
-        action = Action.CONTROLLED_STOP if growth[j] >= STOP_GROWTH else Action.DEGRADE
-        found.append(Fault(FaultCode.ADAPTATION, int(j), float(growth[j]), DEGRADE_GROWTH, action))
+    new, found = memory.copy(), []
+    for j in range(state.joints):
+        with np.errstate(invalid="ignore"):
+            error = np.abs(reference.desired_position[j] - sample.joint_position[j])
+        new.error[j] += (error - new.error[j] if np.isfinite(error) else 0.0) / ERROR_SAMPLES
+        mean, at_bound = new.error[j], False
+        for name, stem in ESTIMATES.items():
+            value, low, high = state.view(name)[j], params.view(f"{stem}_low")[j], params.view(f"{stem}_high")[j]
+            at_bound |= bool((value <= low or value >= high) and low < high)
+        if at_bound and new.time_at_bound[j] == 0.0:
+            new.error_at_bound[j] = mean
+        new.time_at_bound[j] = new.time_at_bound[j] + dt if at_bound else 0.0
+        if not (new.time_at_bound[j] > limits.adaptation_time and mean > SMALLEST_ERROR):
+            continue
+        growth = float(mean / np.fmax(new.error_at_bound[j], SMALLEST_ERROR / STOP_GROWTH))
+        if growth >= DEGRADE_GROWTH:
+            action = Action.CONTROLLED_STOP if growth >= STOP_GROWTH else Action.DEGRADE
+            found.append(Fault(FaultCode.ADAPTATION, j, growth, DEGRADE_GROWTH, action))
     return new, found

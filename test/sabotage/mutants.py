@@ -1,7 +1,8 @@
-"""Small changes of the safety code, one at a time: does any of its tests notice? Also: which branches do they take?
+"""Small changes of the safety code in Python, one at a time: does any of its tests notice? And who tries them.
 
 A mutant is made in the syntax tree, compiled into a fresh copy of the module, and put in the place of the real one in a
-process of its own, which runs the module's tests until the first failure. Nothing is written to the source tree.
+process of its own, which runs the module's tests until the first failure. Nothing is written to the source tree. The
+compiled rules have mutants of their own, see `cpp_mutants`.
 """
 
 from __future__ import annotations
@@ -13,21 +14,16 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-GATE = ("test/safety/test_safety_gate.py",)
-GUARD = ("test/safety/test_guard.py", "test/safety/test_guard_ordinary.py")
-SENSORS = ("test/safety/test_sensor_monitors.py", "test/safety/test_monitors_long_way.py")
-DEGRADED = ("test/chain/test_degraded.py",)
+GATE, GUARD = "test/safety/test_safety_gate.py", "test/safety/test_guard.py"
 MODULES = {
-    "hd_control.safety.gate": GATE,
-    "hd_control.safety.limits": (*GATE, *GUARD),
-    "hd_control.safety.guard": GUARD,
-    "hd_control.safety.loop_monitors": GUARD,
-    "hd_control.safety.sensor_monitors": SENSORS,
-    "hd_control.laws.trajectory": DEGRADED,
+    "hd_control.safety.limits": (GATE, GUARD),
+    "hd_control.safety.gate": (GATE, GUARD),
+    "hd_control.safety.guard": (GUARD, GATE, "test/safety/test_guard_oracle.py"),
 }
 """Module -> files of its tests, in the order in which they are tried."""
 NOTICED = (1, 2, -signal.SIGPROF)
@@ -116,16 +112,13 @@ def _put(parent: ast.AST, field: str, place: int | None, node: ast.AST) -> None:
 
 
 FINDER = """
-import importlib.abc, importlib.machinery, importlib.util, json, os, signal, sys
+import importlib.abc, importlib.util, json, os, signal, sys
 class Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     def __init__(self, module, source, path):
         self.module, self.source, self.path = module, source, path
     def find_spec(self, name, path, target=None):
         if name != self.module:
             return None
-        if self.path.endswith(".so"):
-            loader = importlib.machinery.ExtensionFileLoader(name, self.path)
-            return importlib.util.spec_from_file_location(name, self.path, loader=loader)
         spec = importlib.util.spec_from_loader(name, self, origin=self.path)
         spec.has_location = True
         return spec
@@ -139,10 +132,12 @@ OPTIONS = ["-q", "-x", "--no-header", "-p", "no:cacheprovider", "--tb=no"]
 RUNNER = (
     FINDER
     + """
-sys.meta_path.insert(0, Finder(sys.argv[1], sys.stdin.read(), sys.argv[2]))
+module, source, path, seconds, tests = json.loads(sys.stdin.read())
+if module:
+    sys.meta_path.insert(0, Finder(module, source, path))
 import pytest
-signal.setitimer(signal.ITIMER_PROF, float(sys.argv[3]))
-sys.exit(pytest.main([*OPTIONS, *sys.argv[4:]]))
+signal.setitimer(signal.ITIMER_PROF, seconds)
+sys.exit(pytest.main([*OPTIONS, *tests]))
 """
 )
 SERVER = (
@@ -153,14 +148,16 @@ class SlowLast:
     def pytest_collection_modifyitems(self, items):
         items.sort(key=lambda item: hasattr(item.obj, "hypothesis"))
 for line in sys.stdin:
-    module, source, path, seconds, tests = json.loads(line)
+    module, source, path, seconds, tests, environment = json.loads(line)
     child = os.fork()
     if child == 0:
         quiet = os.open(os.devnull, os.O_RDWR)
         for number in (0, 1, 2):
             os.dup2(quiet, number)
         signal.setitimer(signal.ITIMER_PROF, seconds)
-        sys.meta_path.insert(0, Finder(module, source, path))
+        os.environ.update(environment)
+        if module:
+            sys.meta_path.insert(0, Finder(module, source, path))
         os._exit(int(pytest.main([*OPTIONS, *tests], plugins=[SlowLast()])))
     print(json.dumps(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])), flush=True)
 """
@@ -169,39 +166,53 @@ for line in sys.stdin:
 
 def notices(module: str, source: str, tests: list[str], seconds: float = 300.0) -> bool:
     """Do the tests fail with this source in the place of the module, or use more than so much processor time?"""
-    return _fails([module, str(path_of(module)), str(seconds), *tests], source)
+    return _fails([module, source, str(path_of(module)), seconds, tests], {})
 
 
-def notices_library(module: str, library: Path, tests: list[str], seconds: float = 600.0) -> bool:
-    """Do the tests fail with this compiled library in the place of the module?"""
-    return _fails([module, str(library), str(seconds), *tests], "")
+def notices_libraries(folder: Path, tests: list[str], seconds: float = 600.0, **environment: str) -> bool:
+    """Do the tests fail with the compiled modules of this folder in the place of those of the tree?"""
+    return _fails(["", "", "", seconds, tests], {"HD_EXTENSIONS": str(folder), **environment})
 
 
-def _fails(arguments: list[str], source: str) -> bool:
-    command = [sys.executable, "-c", RUNNER, *arguments]
-    environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+def _surroundings(changes: Mapping[str, str]) -> dict[str, str]:
+    return {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT), **changes}
+
+
+def _fails(job: list[object], environment: Mapping[str, str]) -> bool:
     done = subprocess.run(
-        command, input=source, text=True, cwd=ROOT, env=environment, capture_output=True, timeout=WALL_SECONDS
-    )
+        [sys.executable, "-c", RUNNER], input=json.dumps(job), text=True, cwd=ROOT, env=_surroundings(environment),
+        capture_output=True, timeout=WALL_SECONDS,
+    )  # fmt: skip
     return done.returncode in NOTICED
 
 
 class MutantServer:
-    """Tries changed sources one after the other, each in a fork of a process that has the libraries loaded already."""
+    """Tries mutants one after the other, each in a fork of a process that has the libraries loaded already.
 
-    def __init__(self) -> None:
-        environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+    `environment`: of every one of them.
+    """
+
+    def __init__(self, **environment: str) -> None:
         pipe = subprocess.PIPE
         self._process = subprocess.Popen(
-            [sys.executable, "-c", SERVER], stdin=pipe, stdout=pipe, text=True, cwd=ROOT, env=environment
+            [sys.executable, "-c", SERVER], stdin=pipe, stdout=pipe, text=True, cwd=ROOT, env=_surroundings(environment)
         )
 
     def notices(self, module: str, source: str, tests: list[str], seconds: float = 300.0) -> bool:
         """Do the tests fail with this source in the place of the module? One that never ends counts as noticed."""
+        return self._ask([module, source, str(path_of(module)), seconds, tests, {}])
+
+    def notices_switched(self, number: int, tests: list[str], seconds: float = 300.0) -> bool:
+        """Do the tests fail with this mutant of the compiled rules switched on? The server's modules have them all."""
+        return self._ask(["", "", "", seconds, tests, {"HD_MUTANT": str(number)}])
+
+    def _ask(self, job: list[object]) -> bool:
         assert self._process.stdin is not None and self._process.stdout is not None
-        self._process.stdin.write(json.dumps([module, source, str(path_of(module)), seconds, tests]) + "\n")
+        self._process.stdin.write(json.dumps(job) + "\n")
         self._process.stdin.flush()
-        return json.loads(self._process.stdout.readline()) in NOTICED
+        # A change of compiled code may end in a signal: that is noticed as well.
+        code = json.loads(self._process.stdout.readline())
+        return code in NOTICED or code < 0
 
     def close(self) -> None:
         """Ends the process."""

@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from monitors import FORMS, Loop
+from oracles import guard_law
+from oracles import loop_monitors_law as watchers
 
 from hd_control.core.errors import ConfigError
 from hd_control.core.faults import Action, Fault, FaultCode, strongest
@@ -14,10 +17,8 @@ from hd_control.core.resources import config_path
 from hd_control.core.strict_yaml import load_params_file
 from hd_control.laws import torque_adaptive
 from hd_control.laws.torque import layout as torque_layout
-from hd_control.safety import guard as stop
-from hd_control.safety import loop_monitors as watchers
 from hd_control.safety.guard import Guard, Mode
-from hd_control.safety.limits import GUARD_PARAMETERS, configure, select
+from hd_control.safety.limits import GUARD_PARAMETERS, SafetyLimits, configure, select
 
 DT, N = 1e-3, 2
 NAMES = ["joint_3", "joint_5"]
@@ -34,8 +35,8 @@ def limits():
 class Bench:
     """A guard with its tick; the motor is where the test puts it."""
 
-    def __init__(self, hold_samples=0, active=True):
-        self.guard, self.tick = Guard(limits(), LOW, HIGH, SPEED, DT, hold_samples), 0.0
+    def __init__(self, hold_samples=0, active=True, bounds=None, low=LOW, high=HIGH):
+        self.guard, self.tick = Guard(bounds or limits(), low, high, SPEED, DT, hold_samples), 0.0
         if active:
             self.guard.activate(HOLD)
             self.tick = 100.0
@@ -115,18 +116,36 @@ def test_the_stop_decelerates_on_the_motor_side_then_holds():
 
 
 def test_the_stop_torque_is_the_formula():
-    limit = limits().guard
-    state = stop.begin(HOLD, np.array([0.1, 0.2]), np.array([0.5, -0.01]))
-    torque, new = stop.stop_torque(state, np.array([0.11, 0.2]), np.array([0.6, -0.02]), limit, DT)
-    reference = np.array([0.5 - 0.01, 0.0])
-    place = np.array([0.1, 0.2]) + reference * DT
-    expected = HOLD - limit.stop_damping * ([0.6, -0.02] - reference) - limit.stop_stiffness * ([0.11, 0.2] - place)
-    np.testing.assert_allclose(torque, expected, rtol=1e-12)
-    assert new.elapsed == 1.0 and state.elapsed == 0.0
-    assert not stop.resting(new) and stop.resting(stop.initial_stop(N))
-    assert stop.left(state, np.array([0.79, 0.3])) == -1
-    assert stop.left(state, np.array([0.5 + stop.SPEED_MARGIN, 0.0])) == -1
-    assert stop.left(state, np.array([-0.81, 0.0])) == 0 and stop.left(state, np.array([0.0, math.nan])) == 1
+    """u = hold - damping (v - v_r) - stiffness (x - x_r), v_r falling by 0.01 rad/s a sample, two samples of it."""
+    limit, bench = limits().guard, Bench()
+    held, place = bench.guard.state.mean_torque.copy(), np.array([0.1, 0.2])
+    for velocity, position, reference in (
+        ([0.5, -0.01], [0.1, 0.2], [0.49, 0.0]),
+        ([0.6, -0.02], [0.11, 0.2], [0.48, 0.0]),
+    ):
+        bench.guard.measured.motor_velocity, bench.guard.measured.motor_position = velocity, position
+        out, _ = bench.send(demands=[demand(Action.CONTROLLED_STOP)])
+        place = place + np.array(reference) * DT
+        expected = held - limit.stop_damping * (np.array(velocity) - reference)
+        expected -= limit.stop_stiffness * (position - place)
+        np.testing.assert_allclose(out, expected, rtol=1e-12)
+        np.testing.assert_allclose(bench.guard.stop.reference_velocity, reference, rtol=1e-12, atol=1e-15)
+    assert bench.guard.stop.elapsed == 2.0 and bench.guard.mode is Mode.STOPPING
+
+
+@pytest.mark.parametrize(
+    ("velocity", "joint"),
+    [([0.79, 0.3], None), ([0.5 + guard_law.SPEED_MARGIN, 0.0], None), ([-0.81, 0.0], 0), ([0.0, math.nan], 1),
+     ([math.nan, 0.0], 0), ([0.0, math.nextafter(0.31, 1.0)], 1), ([0.0, -0.01 - guard_law.SPEED_MARGIN], None)],
+)  # fmt: skip
+def test_a_stop_is_left_by_a_joint_that_is_faster_than_at_its_begin(velocity, joint):
+    bench = Bench()
+    bench.guard.measured.motor_velocity = [0.5, -0.01]
+    bench.send(demands=[demand(Action.CONTROLLED_STOP)])
+    bench.guard.measured.motor_velocity = velocity
+    _, faults = bench.send()
+    assert [f.joint for f in faults if f.code is FaultCode.STOP_LEFT] == ([] if joint is None else [joint])
+    assert bench.guard.mode is (Mode.STOPPING if joint is None else Mode.STOPPED)
 
 
 @pytest.mark.parametrize("field", ["motor_position", "motor_velocity"])
@@ -182,14 +201,17 @@ def test_f42_names_the_joint_that_left(joint):
 @pytest.mark.parametrize(("offset", "stops"), [(0.0, False), (2.0**-40, True), (-(2.0**-40), False)])
 def test_exactly_on_its_bounds_a_joint_may_be(offset, stops):
     """Numbers that have no rounding: with 2a = 16 rad/s^2 and 1 rad/s the way to stop is 1/16 rad."""
+    guard = limits().guard.copy()
+    guard.stop_deceleration = 8.0
     for side in (1.0, -1.0):
-        bench = Bench()
-        bench.guard._twice_deceleration[:] = 16.0
+        bounds = SafetyLimits(limits().gate, guard)
+        bench = Bench(bounds=bounds, low=np.array([-3.0, -10.0]), high=np.array([3.0, 10.0]))
         bench.guard.measured.joint_position = [side * (3.0 - 1.0 / 16.0 + offset), 0.0]
-        bench.guard.measured.joint_velocity = [side, side * bench.guard._speed[1]]
-        bench.guard.low, bench.guard.high = np.array([-3.0, -10.0]), np.array([3.0, 10.0])
-        _, faults = bench.send(demands=[demand(Action.REPORT)])
-        assert [f.code for f in faults if f.code is not FaultCode.GAUGE_DRIFT] == [FaultCode.ENVELOPE] * stops
+        bench.guard.measured.joint_velocity = [side, side * guard_law.SPEED_SHARE * SPEED[1]]
+        for demands in ([], [demand(Action.REPORT)]):
+            _, faults = bench.send(demands=demands)
+            found = [f.code for f in faults if f.code is not FaultCode.GAUGE_DRIFT]
+            assert found == [FaultCode.ENVELOPE] * (stops and not demands), "reported once"
         assert bench.guard.controlled is stops
 
 
@@ -232,7 +254,7 @@ def test_the_law_side_holds_without_end_and_counts_its_own_samples():
 def test_f39_twenty_rate_excesses_in_a_row_become_a_controlled_stop():
     bench = Bench()
     for k in range(25):
-        held = bench.guard._mean.copy()
+        held = bench.guard.state.mean_torque.copy()
         out, faults = bench.send([1200.0 if k % 2 else -1200.0, -7.0])
         if bench.guard.stopped:
             break
@@ -313,10 +335,10 @@ def test_a_reset_waits_for_the_end_of_the_ramp():
     bench = Bench()
     bench.guard.gate.last_torque = [1150.0, 0.0]
     bench.send(demands=[demand(Action.TORQUE_RAMP)])
-    bench.guard.healthy = 10_000
+    bench.guard.state.healthy = 10_000
     assert bench.guard.reset() == ["joint_1 torque ramp runs at 480 N m; wait for zero"]
     bench.send()
-    bench.guard.healthy = 10_000
+    bench.guard.state.healthy = 10_000
     assert bench.guard.reset() == []
 
 
@@ -365,6 +387,12 @@ def test_limits_file_is_checked_as_a_whole():
         select(values, ["joint_9"])
 
 
+@pytest.fixture(params=FORMS)
+def loop(request):
+    """The monitors around the torque law, compiled and plain."""
+    return Loop(request.param)
+
+
 @pytest.mark.parametrize(
     ("gap", "level", "new", "action"),
     [
@@ -373,14 +401,19 @@ def test_limits_file_is_checked_as_a_whole():
         (9, 0.0, 9.0, Action.DEGRADE), (1, 9.1, 10.0, Action.CONTROLLED_STOP), (1, 9.0, 9.9, Action.REPORT),
     ],
 )  # fmt: skip
-def test_f01_lost_ticks(gap, level, new, action):
-    found, faults = watchers.lost_ticks(gap, level, limits())
+def test_f01_lost_ticks(loop, gap, level, new, action):
+    found, faults = loop.lost_ticks(gap, level, limits())
     assert found == pytest.approx(new)
     assert [f.action for f in faults] == ([] if action is None else [action])
     if action is not None:
         bound = {Action.REPORT: 1.0, Action.DEGRADE: 3.0, Action.CONTROLLED_STOP: 10.0}[action]
         assert faults[0].code is FaultCode.FRAME_LOST and faults[0].limit == bound and faults[0].value == found
         assert faults[0].joint == -1, "a lost tick is lost for all joints"
+
+
+def blocks():
+    """Empty sample and reference of the torque law."""
+    return torque_layout("TorqueSample", N).zeros(), torque_layout("TorqueReference", N).zeros()
 
 
 def adaptation_case(at_bound="coulomb_torque", side="high"):
@@ -396,9 +429,9 @@ def adaptation_case(at_bound="coulomb_torque", side="high"):
 @pytest.mark.parametrize("name", [*watchers.ESTIMATES, ""])
 @pytest.mark.parametrize("side", ["low", "high"])
 @pytest.mark.parametrize(("growth", "action"), [(1.5, None), (2.5, Action.DEGRADE), (8.0, Action.CONTROLLED_STOP)])
-def test_f34_an_estimate_at_its_bound_with_a_growing_error(name, side, growth, action):
+def test_f34_an_estimate_at_its_bound_with_a_growing_error(loop, name, side, growth, action):
     params, state = adaptation_case(name, side)
-    sample, reference = torque_layout("TorqueSample", N).zeros(), np.zeros(3 * N)
+    sample, reference = blocks()
     memory, seen = watchers.initial(N), []
     sample.joint_position = 0.02
     for k in range(600):
@@ -406,7 +439,7 @@ def test_f34_an_estimate_at_its_bound_with_a_growing_error(name, side, growth, a
         held = state.copy()
         if k < 100:
             held.view(name or "coulomb_torque")[1] = 0.0
-        memory, faults = watchers.watch(memory, held, params, sample, reference, limits().guard, 0.01)
+        memory, faults = loop.watch(memory, held, params, sample, reference, limits().guard, 0.01)
         seen += [(k, f.joint, f.code, f.action) for f in faults]
     if action is None or not name:
         assert seen == []
@@ -415,13 +448,13 @@ def test_f34_an_estimate_at_its_bound_with_a_growing_error(name, side, growth, a
         assert seen[-1][2:] == (FaultCode.ADAPTATION, action)
 
 
-def test_f34_the_error_is_a_mean_of_about_ten_looks():
+def test_f34_the_error_is_a_mean_of_about_ten_looks(loop):
     params, state = adaptation_case("")
-    sample, reference = torque_layout("TorqueSample", N).zeros(), np.zeros(3 * N)
-    sample.joint_position, reference[N : 2 * N] = [0.03, 0.05], [0.05, 0.03]
+    sample, reference = blocks()
+    sample.joint_position, reference.desired_position = [0.03, 0.05], [0.05, 0.03]
     memory = watchers.initial(N)
     for expected in (0.002, 0.0038):
-        memory, _ = watchers.watch(memory, state, params, sample, reference, limits().guard, 0.01)
+        memory, _ = loop.watch(memory, state, params, sample, reference, limits().guard, 0.01)
         np.testing.assert_allclose(memory.error, expected, rtol=1e-12)
 
 
@@ -436,30 +469,30 @@ def test_f34_the_error_is_a_mean_of_about_ten_looks():
         (0.08, 0.02, 0.5, None),
     ],
 )
-def test_f34_exactly_on_its_thresholds(error, then, since, action):
+def test_f34_exactly_on_its_thresholds(loop, error, then, since, action):
     """Growth counts from its threshold on; the time and the smallest error must be exceeded."""
     params, state = adaptation_case()
-    sample, reference = torque_layout("TorqueSample", N).zeros(), np.zeros(3 * N)
+    sample, reference = blocks()
     memory, bounds = watchers.initial(N), limits().guard.copy()
     bounds.adaptation_time = 1.0
     sample.joint_position, memory.error, memory.error_at_bound, memory.time_at_bound = error, error, then, since
-    _, faults = watchers.watch(memory, state, params, sample, reference, bounds, 0.5)
+    _, faults = loop.watch(memory, state, params, sample, reference, bounds, 0.5)
     assert [(f.joint, f.action) for f in faults] == ([] if action is None else [(1, action)])
 
 
-def test_f34_small_errors_missing_bounds_and_missing_readings_do_not_count():
+def test_f34_small_errors_missing_bounds_and_missing_readings_do_not_count(loop):
     params, state = adaptation_case()
-    sample, reference = torque_layout("TorqueSample", N).zeros(), np.zeros(3 * N)
+    sample, reference = blocks()
     memory = watchers.initial(N)
     for k in range(400):
         sample.joint_position = 0.0001 * k / 40.0
-        memory, faults = watchers.watch(memory, state, params, sample, reference, limits().guard, 0.01)
+        memory, faults = loop.watch(memory, state, params, sample, reference, limits().guard, 0.01)
         assert faults == []
     sample.joint_position = math.nan
-    new, _ = watchers.watch(memory, state, params, sample, reference, limits().guard, 0.01)
+    new, _ = loop.watch(memory, state, params, sample, reference, limits().guard, 0.01)
     assert new.error.tolist() == memory.error.tolist()
     params.coulomb_torque_low = params.coulomb_torque_high = 1.0
-    free, _ = watchers.watch(memory, state, params, sample, reference, limits().guard, 0.01)
+    free, _ = loop.watch(memory, state, params, sample, reference, limits().guard, 0.01)
     assert free.time_at_bound.tolist() == [0.0, 0.0], "a fixed estimate is not at a bound"
 
 
@@ -494,23 +527,23 @@ def test_f36_the_last_tick_that_a_double_counts_is_used_the_next_is_not():
 
 
 @pytest.mark.parametrize("torque", [594.0, -594.0, 700.0])
-def test_f08_three_readings_at_the_rail_degrade(torque):
+def test_f08_three_readings_at_the_rail_degrade(loop, torque):
     bounds, run = limits().guard, np.zeros(N)
     rail = float(bounds.gauge_rail[1])
     assert rail == 600.0
     for k in range(1, 5):
-        run, faults = watchers.gauge_rail(np.array([0.0, torque]), run, bounds)
+        run, faults = loop.gauge_rail(np.array([0.0, torque]), run, bounds)
         assert run.tolist() == [0.0, k]
         expected = [(FaultCode.GAUGE_RAIL, 1, torque, rail, Action.DEGRADE)] if k >= 3 else []
         assert [(f.code, f.joint, f.value, f.limit, f.action) for f in faults] == expected
-    assert watchers.gauge_rail(np.array([0.0, 593.9]), run, bounds) == (pytest.approx(np.zeros(N)), [])
+    assert loop.gauge_rail(np.array([0.0, 593.9]), run, bounds) == (pytest.approx(np.zeros(N)), [])
     for free in ([0.0, math.nan], [2300.0, 0.0]):
-        after, faults = watchers.gauge_rail(np.array(free), run, bounds)
+        after, faults = loop.gauge_rail(np.array(free), run, bounds)
         assert after.tolist() == [0.0, 0.0] and faults == []
 
 
-def test_f01_a_tenth_is_forgiven_exactly():
-    assert watchers.lost_ticks(0, 0.1, limits())[0] == 0.0 and watchers.lost_ticks(1, 0.1, limits())[0] == 1.0
+def test_f01_a_tenth_is_forgiven_exactly(loop):
+    assert loop.lost_ticks(0, 0.1, limits())[0] == 0.0 and loop.lost_ticks(1, 0.1, limits())[0] == 1.0
 
 
 BOUNDS = [
@@ -543,13 +576,14 @@ def test_limits_per_joint_are_above_zero_and_may_be_small():
 
 def test_the_torque_that_is_held_is_the_mean_of_about_fifty_samples():
     bench = Bench()
-    before = bench.guard._mean.copy()
+    before = bench.guard.state.mean_torque.copy()
     bench.send(HOLD + [5.0, -1.0])
-    np.testing.assert_allclose(bench.guard._mean, before + (HOLD + [5.0, -1.0] - before) / 50.0, rtol=1e-15)
+    np.testing.assert_allclose(bench.guard.state.mean_torque, before + (HOLD + [5.0, -1.0] - before) / 50.0, rtol=1e-15)
 
 
+@pytest.mark.parametrize("form", FORMS)
 @given(st.integers(0, 12), st.integers(0, 12), st.floats(0.0, 12.0))
-def test_a_longer_gap_never_gives_a_weaker_action(one, other, level):
+def test_a_longer_gap_never_gives_a_weaker_action(form, one, other, level):
     short, long = sorted((one, other))
-    actions = [strongest(watchers.lost_ticks(gap, level, limits())[1]) for gap in (short, long)]
+    actions = [strongest(Loop(form).lost_ticks(gap, level, limits())[1]) for gap in (short, long)]
     assert actions[0] <= actions[1]

@@ -19,7 +19,7 @@ from hd_control.core.resources import config_path
 from hd_control.core.strict_yaml import load_params_file
 from hd_control.safety import gate as sg
 from hd_control.safety import limits as limits_module
-from hd_control.safety.guard import new_measured
+from hd_control.safety.guard import Guard
 
 DT = 1e-3
 LIMIT, STEP = np.array([100.0, 50.0, 20.0]), np.array([10.0, 4.0, 0.7])
@@ -40,7 +40,7 @@ def limits(**changes):
 
 def opened(applied=(0.0, 0.0, 0.0), tick=-1.0):
     """A gate in normal work: active, commands already caught up with."""
-    state = sg.activate(sg.initial_gate_state(N), limits(), np.array(applied))
+    state = gate_law.activate(sg.initial_gate_state(N), limits(), np.array(applied))
     state.catch_up = 0.0
     state.last_tick = tick
     return state
@@ -51,7 +51,7 @@ def send(gate, command, state, ages=0.0, tick=None, bounds=None):
     full = [
         np.full(N, value) if np.isscalar(value) else np.array(value, dtype=float) for value in (command, ages, tick)
     ]
-    return gate(full[0], new_measured(N), full[1], full[2], bounds or limits(), state)
+    return gate(*full, bounds or limits(), state)
 
 
 @st.composite
@@ -89,7 +89,7 @@ def same_faults(a, b):
 @given(states(), inputs)
 def test_the_gate_has_the_bits_of_the_plain_law(state, case):
     command, ages, ticks = case
-    results = [gate(command, new_measured(N), ages, ticks, limits(), state) for gate in GATES]
+    results = [gate(command, ages, ticks, limits(), state) for gate in GATES]
     (out_a, state_a, faults_a), (out_b, state_b, faults_b) = results
     assert same(out_a, out_b) and same(state_a.array, state_b.array) and same_faults(faults_a, faults_b)
 
@@ -100,7 +100,7 @@ def test_no_unsafe_torque_for_any_number_and_any_state(state, case):
     """P1. The reference of the rate is the last torque cut to the limits; a torque above the limits is no reference."""
     command, ages, ticks = case
     before_bits = state.array.copy()
-    out, new, _ = sg.safety_gate(command, new_measured(N), ages, ticks, limits(), state)
+    out, new, _ = sg.safety_gate(command, ages, ticks, limits(), state)
     assert same(state.array, before_bits), "the gate is a pure function"
     last = [min(max(x, -b), b) if math.isfinite(x) else math.copysign(b, x) if not math.isnan(x) else 0.0
             for x, b in zip(state.last_torque.tolist(), LIMIT.tolist(), strict=True)]  # fmt: skip
@@ -115,8 +115,8 @@ def test_no_unsafe_torque_for_any_number_and_any_state(state, case):
 def test_the_gate_applied_twice_is_the_gate_applied_once(state, case):
     """gate(gate(x)) = gate(x): what may leave passes unchanged."""
     command, ages, ticks = case
-    out, new, _ = sg.safety_gate(command, new_measured(N), ages, ticks, limits(), state)
-    again, _, _ = sg.safety_gate(out, new_measured(N), ages, ticks, limits(), state)
+    out, new, _ = sg.safety_gate(command, ages, ticks, limits(), state)
+    again, _, _ = sg.safety_gate(out, ages, ticks, limits(), state)
     if new.stopped == state.stopped:
         assert same(again, out)
     else:
@@ -221,21 +221,21 @@ class TestBothForms:
         assert state.stopped == 1.0 == state.brake_requested and not any(any(row) for row in seen[3:])
 
     def test_not_active_means_exactly_zero(self, gate):
-        closed = sg.deactivate(opened(applied=(35.0, 0.0, 0.0)))
+        closed = gate_law.deactivate(opened(applied=(35.0, 0.0, 0.0)))
         for command in (5.0, math.nan):
             out, new, _ = send(gate, command, closed)
             assert same(out, np.zeros(N)) and new.stopped == 0.0
 
     def test_after_activation_the_command_may_catch_up(self, gate):
         """From zero to a gravity torque of 95 N m takes 10 steps, joint 3 needs 29: no stop, all counted."""
-        state = sg.activate(sg.initial_gate_state(N), limits(), np.zeros(N))
+        state = gate_law.activate(sg.initial_gate_state(N), limits(), np.zeros(N))
         for _ in range(40):
             out, state, _ = send(gate, [95.0, 0.0, 20.0], state)
         assert out.tolist() == [95.0, 0.0, 20.0] and state.stopped == 0.0
         assert state.rate_limited_samples.tolist() == [9, 0, 28] and np.all(state.catch_up == 0.0)
 
     def test_catching_up_does_not_last_for_ever(self, gate):
-        state = sg.activate(sg.initial_gate_state(N), limits(), np.zeros(N))
+        state = gate_law.activate(sg.initial_gate_state(N), limits(), np.zeros(N))
         for k in range(200):
             _, state, _ = send(gate, [100.0 if k % 2 == 0 else -100.0, 0.0, 0.0], state)
             if state.stopped == 1.0:
@@ -276,96 +276,118 @@ class TestBothForms:
         ("memory", "first"), [(1e308, 90.0), (-1e308, -90.0), (math.nan, 0.0), (100.0, 90.0), (-10.0, 0.0), (10.0, 0.0)]
     )
     def test_the_ramp_begins_inside_the_limit_whatever_the_memory_holds(self, gate, memory, first):
-        state = sg.stopped_by(opened(), FaultCode.GAUGE_DRIFT, 0)
+        state = gate_law.stopped_by(opened(), FaultCode.GAUGE_DRIFT, 0)
         state.last_torque[0] = memory
         out, _, _ = send(gate, 0.0, state)
         assert same(out, np.array([first, 0.0, 0.0]))
 
 
 def test_the_gate_before_activation_remembers_nothing():
-    state, measured = sg.initial_gate_state(N), new_measured(N)
+    state = sg.initial_gate_state(N)
     assert state.stop_joint == -1.0 and state.last_tick.tolist() == [-1.0] * N and state.active == 0.0
-    assert measured.joint_position.tolist() == measured.joint_velocity.tolist() == [0.0] * N
+    assert same(state.array, gate_law.initial_gate_state(N).array)
+    assert state.layout == gate_law.initial_gate_state(N).layout
+
+
+class Opened:
+    """A guard, which is where the gate is opened, stopped and reset; a demand stops it by the ramp."""
+
+    def __init__(self, applied=(0.0, 0.0, 0.0)):
+        guard = limits_module.guard_layout(N).zeros()
+        guard.array[:] = 1e9
+        bounds, wide = limits_module.SafetyLimits(limits(), guard), np.full(N, 1e9)
+        self.guard, self.tick = Guard(bounds, -wide, wide, wide, DT), 0.0
+        self.guard.activate(np.array(applied, dtype=float))
+
+    def send(self, command, demands=()):
+        self.tick += 1.0
+        command = np.full(N, command) if np.isscalar(command) else np.array(command, dtype=float)
+        return self.guard.step(command, np.zeros(N), np.full(N, self.tick), demands)
+
+    def stopped(self, healthy=5):
+        """Stopped by a ramp, then so many healthy samples."""
+        self.send(0.0, [Fault(FaultCode.GAUGE_DRIFT, 0, 2.0, 1.0, Action.TORQUE_RAMP)])
+        for _ in range(healthy):
+            self.send(0.0)
+        assert self.guard.gate.stopped == 1.0
+        return self.guard
 
 
 class TestReset:
-    def stopped(self, healthy=5):
-        _, state, _ = send(sg.safety_gate, math.nan, opened(applied=(0.0, 0.0, 0.0)))
-        for _ in range(healthy):
-            _, state, _ = send(sg.safety_gate, 0.0, state)
-        return state
-
     def test_granted_when_healthy_and_still(self):
-        state, reasons = sg.reset(self.stopped(), new_measured(N), limits())
-        assert reasons == [] and state.stopped == 0.0 == state.brake_requested and state.stop_joint == -1.0
-        out, state, _ = send(sg.safety_gate, [30.0, 0.0, 0.0], state)
-        assert out[0] == 10.0 and state.stopped == 0.0, "torque comes back at the rate limit"
+        case = Opened()
+        guard = case.stopped()
+        assert guard.reset() == []
+        assert guard.gate.stopped == 0.0 == guard.gate.brake_requested and guard.gate.stop_joint == -1.0
+        assert guard.gate.stop_code == 0.0
+        out, _ = case.send([30.0, 0.0, 0.0])
+        assert out[0] == 10.0 and guard.gate.stopped == 0.0, "torque comes back at the rate limit"
 
     def test_granted_at_exactly_the_standstill_velocity_and_time_to_catch_up_is_given(self):
-        measured = new_measured(N)
-        measured.joint_velocity = [0.01, -0.01, 0.0]
-        state, reasons = sg.reset(self.stopped(), measured, limits())
-        assert reasons == [] and state.catch_up.tolist() == [20.0, 25.0, 58.0]
-        closed, _ = sg.reset(sg.deactivate(self.stopped()), measured, limits())
-        assert closed.catch_up.tolist() == [0.0, 0.0, 0.0] and closed.active == 0.0
+        guard = Opened().stopped()
+        guard.measured.joint_velocity = [0.01, -0.01, 0.0]
+        assert guard.reset() == [] and guard.gate.catch_up.tolist() == [20.0, 25.0, 58.0]
+        closed = Opened().stopped()
+        closed.deactivate()
+        closed.gate.catch_up = 0.0
+        assert closed.reset() == []
+        assert closed.gate.catch_up.tolist() == [0.0, 0.0, 0.0] and closed.gate.active == 0.0
 
     def test_refused_one_healthy_sample_short(self):
-        before = self.stopped(healthy=4)
-        state, reasons = sg.reset(before, new_measured(N), limits())
-        assert same(state.array, before.array)
-        assert reasons == ["inputs healthy for 4 samples, 5 needed; wait or repair them"]
+        guard = Opened().stopped(healthy=4)
+        before = guard.gate.array.copy()
+        assert guard.reset() == ["inputs healthy for 4 samples, 5 needed; wait or repair them"]
+        assert same(guard.gate.array, before)
 
     @pytest.mark.parametrize("velocity", [0.02, -0.02, math.nan])
     def test_refused_while_a_joint_moves(self, velocity):
-        measured = new_measured(N)
-        measured.joint_velocity[1] = velocity
-        state, reasons = sg.reset(self.stopped(), measured, limits())
-        assert state.stopped == 1.0 and len(reasons) == 1 and reasons[0].startswith("joint_2 moves with")
+        guard = Opened().stopped()
+        guard.measured.joint_velocity[1] = velocity
+        reasons = guard.reset()
+        assert guard.gate.stopped == 1.0 and len(reasons) == 1 and reasons[0].startswith("joint_2 moves with")
 
     def test_refused_during_the_ramp_with_every_reason(self):
-        _, state, _ = send(sg.safety_gate, math.nan, opened(applied=(95.0, 0.0, 0.0)))
-        measured = new_measured(N)
-        measured.joint_velocity[2] = 1.0
-        _, reasons = sg.reset(state, measured, limits())
-        assert reasons == [
+        guard = Opened(applied=(95.0, 0.0, 0.0)).stopped(healthy=0)
+        guard.measured.joint_velocity[2] = 1.0
+        assert guard.reset() == [
             "inputs healthy for 0 samples, 5 needed; wait or repair them",
             "joint_1 torque ramp runs at 85 N m; wait for zero",
             "joint_3 moves with 1 rad/s, limit 0.01 rad/s; wait for rest",
         ]
 
     def test_activation_does_not_end_a_stop(self):
-        state = sg.activate(self.stopped(), limits(), np.zeros(N))
-        out, _, _ = send(sg.safety_gate, [5.0, 0.0, 0.0], state)
-        assert state.stopped == 1.0 and out[0] == 0.0
+        case = Opened()
+        guard = case.stopped()
+        guard.activate(np.zeros(N))
+        out, _ = case.send([5.0, 0.0, 0.0])
+        assert guard.gate.stopped == 1.0 and out[0] == 0.0
 
 
 def test_random_service_calls_never_let_a_stop_end_without_reset():
-    """P4 in small: any order of sending, corrupting, closing, opening and resetting."""
-    rng = np.random.default_rng(11)
-    state, bounds, tick, stops, resets = opened(), limits(), 0.0, 0, 0
+    """P4 in small: any order of sending, corrupting, closing, opening, stopping and resetting."""
+    rng, case, stops, resets = np.random.default_rng(11), Opened(), 0, 0
+    guard, ramp = case.guard, Fault(FaultCode.GAUGE_DRIFT, 0, 2.0, 1.0, Action.TORQUE_RAMP)
     for _ in range(2500):
-        before, tick = state, tick + 1.0
-        action = rng.choice(["send"] * 40 + ["nan", "old", "close", "open", "reset"])
-        measured = new_measured(N)
-        measured.joint_velocity = rng.choice([0.0, 0.05])
-        granted = False
-        if action in ("close", "open"):
-            state = sg.deactivate(state) if action == "close" else sg.activate(state, bounds, state.last_torque)
+        stopped, ramping, last = guard.stopped, guard.gate.stopped == 1.0, guard.gate.last_torque.copy()
+        action, granted = rng.choice(["send"] * 40 + ["nan", "ramp", "close", "open", "reset"]), False
+        guard.measured.joint_velocity = rng.choice([0.0, 0.05])
+        if action == "close":
+            guard.deactivate()
+        elif action == "open":
+            guard.activate(last)
         elif action == "reset":
-            state, reasons = sg.reset(state, measured, bounds)
-            granted = not reasons
-            resets += granted and before.stopped == 1.0
+            granted = not guard.reset()
+            resets += granted and stopped
         else:
             command = np.full(N, math.nan) if action == "nan" else rng.normal(0, 3, N)
-            ages = np.full(N, 10.0 if action == "old" else 0.0)
-            out, state, _ = sg.safety_gate(command, measured, ages, np.full(N, tick), bounds, state)
-            name = "INACTIVE" if state.active == 0.0 else "STOPPING" if state.stopped == 1.0 else "ACTIVE"
-            assert judge(out.tolist(), before.last_torque.tolist(), LIMIT.tolist(), STEP.tolist(), name) == []
-            if before.stopped == 1.0 and before.active == 1.0:
-                assert np.all(np.abs(out) <= np.maximum(0.0, np.abs(before.last_torque) - STEP))
-        if before.stopped == 1.0 and not granted:
-            assert state.stopped == 1.0
-        stops += before.stopped == 0.0 and state.stopped == 1.0
+            active = guard.gate.active == 1.0
+            out, _ = case.send(command, [ramp] if action == "ramp" else [])
+            name = "INACTIVE" if not active else "STOPPING" if guard.gate.stopped == 1.0 else "ACTIVE"
+            assert judge(out.tolist(), last.tolist(), LIMIT.tolist(), STEP.tolist(), name) == []
+            if ramping and active:
+                assert np.all(np.abs(out) <= np.maximum(0.0, np.abs(last) - STEP))
+        assert guard.stopped or granted or not stopped
+        stops += guard.stopped and not stopped
     assert stops > 10 and resets > 5, "the walk must stop and reset often, or it shows nothing"
 
 

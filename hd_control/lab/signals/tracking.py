@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import BagError
+from hd_control.core.topics import JOINT_STATES, REFERENCE
 from hd_control.record.reader import BagReader
 
 
@@ -41,10 +42,10 @@ def tracking_of(bag: BagReader) -> Tracking:
 
     Raises BagError if `joint_reference` or `joint_states` is missing or they name no common joint.
     """
-    for topic in ("joint_reference", "joint_states"):
+    for topic in (REFERENCE, JOINT_STATES):
         if not bag.has(topic):
             raise BagError(f"{bag.path}: no {topic}; record the chain's topics to see the tracking")
-    wanted, measured = bag.columns("joint_reference"), bag.columns("joint_states")
+    wanted, measured = bag.columns(REFERENCE), bag.columns(JOINT_STATES)
     names = tuple(name for name in wanted.names if name in measured.names)
     if not names or wanted.position is None or measured.position is None:
         raise BagError(f"{bag.path}: joint_reference and joint_states share no joint position")
