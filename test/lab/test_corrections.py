@@ -72,6 +72,9 @@ def test_a_shape_that_is_right_stays() -> None:
     d = stribeck(0.1)
     found = refine(d, Scores(d), d.groups)
     assert all(c.shape["stribeck_velocity"] == pytest.approx(0.1, rel=3e-3) for c in found.values())
+    best = next(iter(found.values()), None)
+    again = d if best is None else stribeck(float(best.shape["stribeck_velocity"]))
+    assert refine(again, Scores(again), again.groups) == {}, "0.1 nat more is no better shape"
     only_choices = build(equations(), [Candidate("x", {MOTOR: columns(41)})])
     assert refine(only_choices, Scores(only_choices), only_choices.groups) == {}, "nothing continuous in it"
 
@@ -145,6 +148,10 @@ def test_rows_that_a_law_leaves_out_are_those_it_says_blurred_by_the_filter() ->
         by_law = group.effect.blind(states, group.shape)[name]
         np.testing.assert_array_equal(found[name], d.rows[name].channel.blurred(by_law))
     assert blind_rows(d, d.groups[2:]) == {}
+    narrow = of("backlash", states, crossing_torque=0.005 * states.torque_scale)
+    for both in ([narrow, gap], [gap, narrow]):
+        two = build(equations(), both)
+        np.testing.assert_array_equal(blind_rows(two, two.groups)[TRANSMISSION], found[TRANSMISSION])
     corrected = CorrectedSearch(Task(equations(), library(), context=CONTEXT), d)
     assert corrected.leave_blind_rows(d.groups[:1]) and not corrected.leave_blind_rows(d.groups[2:])
     assert not (corrected.dictionary.rows[LINK].usable & found[LINK]).any()
@@ -197,6 +204,13 @@ def test_one_effect_on_two_balances_takes_the_place_of_one_on_each() -> None:
     better, scales = merged(search, (constant, payload))
     assert [group.name for group in better] == ["gauge_gain"]
     assert set(scales) == {MOTOR, LINK} and all(0.8 < value < 1.2 for value in scales.values())
+    # From the units of the wrong pair into those in which the right one has the scales one.
+    pair = Fit.of(d, search.scores, (constant, payload)).scales
+    moved = d.rescaled(pair)
+    better, scales = merged(Search(moved, Scores(moved)), moved.groups[:2])
+    assert [group.name for group in better] == ["gauge_gain"]
+    last = moved.rescaled(scales)
+    assert Fit.of(last, Scores(last), last.groups[2:]).scales == pytest.approx({MOTOR: 1.0, LINK: 1.0}, abs=1e-4)
     assert merged(search, (gain,)) == ((gain,), {}), "what is right stays"
     assert merged(search, ()) == ((), {})
 
