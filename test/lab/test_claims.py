@@ -132,6 +132,7 @@ def test_confidence_is_the_logistic_of_its_features() -> None:
     score = -2.5 + 1.8 * 3.0 - 1.1 - 3.3
     assert confidence(1000.0, 1e4, True) == pytest.approx(1.0 / (1.0 + np.exp(-score)))
     assert features(5.0, 0.0, False) == (1.0, pytest.approx(np.log10(5.0)), 0.0, 0.0), "no other effect at all"
+    assert features(100.0, 10.0, False)[2] == 0.0, "the strongest itself"
 
 
 def test_confidence_grows_with_the_gain_and_falls_beside_stronger_ones() -> None:

@@ -1,4 +1,4 @@
-"""The ladder: effects in the order of what they gain, errors on data that were not used for the fit, reasons to stop."""
+"""The ladder: effects in the order of what they gain, errors on data that no fit has used, reasons to stop."""
 
 from __future__ import annotations
 
@@ -160,6 +160,7 @@ def test_the_json_of_a_ladder_is_that_of_its_rungs() -> None:
     assert len({entry["model_sha256"] for entry in document["rungs"]}) == len(document["rungs"])
 
 
+@pytest.mark.slow
 def test_a_ladder_ends_at_its_limit() -> None:
     held = with_noise(simulate(BOTH, tones=OTHER), seed=1)
     found = climb(Split(recording(signals(BOTH)), recording(held)), model(), NAME, limit=1)
