@@ -241,7 +241,7 @@ def test_a_rich_recording_meets_the_needs_and_a_poor_one_none(effect: type[Effec
 
 
 def test_needs_turn_at_their_limits() -> None:
-    """Each need looks at its own number only; the limits are those of `docs/diagnosis.md`."""
+    """A rich recording with one number changed: that need alone turns, just beyond its limit."""
     cases: dict[str, list[tuple[dict[str, float | None], bool]]] = {
         "torsional_hysteresis": [
             ({"torque_low": 0.0, "torque_high": 9.9}, False),
@@ -259,7 +259,7 @@ def test_needs_turn_at_their_limits() -> None:
     for name, many in cases.items():
         for change, met in many:
             unmet = [need for need in library()[name].needs() if need.unmet(replace(RICH, **change))]
-            assert (not unmet) == met, f"{name}: {change}"
+            assert len(unmet) == (not met), f"{name}: {change}"
 
 
 @every

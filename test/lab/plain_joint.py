@@ -93,7 +93,8 @@ def recording(recorded: JointSignals) -> Recording:
 def planted(
     candidates: Sequence[Candidate], sizes: Mapping[str, float] | None = None, seed: int = 0, memory: float = 0.0
 ) -> Dictionary:
-    """A dictionary whose white rows are known: base of the plain joint, `sizes` x columns of candidates, and noise.
+    """A dictionary whose white rows are known: base of the plain joint, `sizes` x columns of candidates, and noise. Its
+    balances hold the same columns beside the noise of the plain joint.
 
     sizes: coefficient of each column of the first group of that name; columns have unit norm, so nats are half its
     square. Noise has unit variance; with `memory` it is an autoregression, as if whitening had left one.
@@ -105,9 +106,16 @@ def planted(
     true[found.base] = Scores(found).fit(found.base)
     for name, size in (sizes or {}).items():
         true[next(group for group in found.groups if group.name == name).index] = size
-    rows = {}
+    rows, channels = {}, {}
     for name, part in found.rows.items():
+        raw = found.equations.channels[name].left.copy()
+        for group, candidate in zip(found.groups, candidates, strict=True):
+            if name in candidate.columns:
+                raw += (
+                    found.equations.channels[name].rows_of(candidate.columns[name]) @ (true / found.norm)[group.index]
+                )
+        channels[name] = replace(found.equations.channels[name], left=raw)
         noise = np.sqrt(1.0 - memory**2) * random.standard_normal(part.left.size)
         left = part.columns @ true[part.index] + lfilter([1.0], [1.0, -memory], noise)
         rows[name] = replace(part, left=left)
-    return replace(found, rows=rows)
+    return replace(found, rows=rows, equations=replace(found.equations, channels=channels))

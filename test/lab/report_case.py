@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+from typing import Any
+
 import numpy as np
 
 from hd_control.lab.diagnosis.fit import Interval
@@ -103,3 +106,8 @@ def report_page(joints: tuple[str, ...] = ("joint_1", "joint <2>")) -> ReportPag
     )
     plain = JointPage(joints[1], (channel_page(models=("nominal.yaml",)),))
     return ReportPage("Report <of> a test", "bags/run_1", ("nominal.yaml", "better.yaml"), (full, plain), "hd report")
+
+
+def numbers(spec: Any) -> np.ndarray:
+    """Numbers of a figure as plotly.js reads them."""
+    return np.frombuffer(base64.b64decode(spec["bdata"]), dtype="<f4")

@@ -72,12 +72,13 @@ CASES = {
         0.02,
         3.0,
     ),
+    # A larger one is also seen in the gravity of the angle that is misread, which no column of the link describes.
     "joint_sensor_eccentricity": Case(
-        Changes(joint_sensor=lambda q: q + wave(2e-4, 2, 0.5)(q)[0]),
-        {"cosine_2": 2e-4 * math.cos(0.5), "sine_2": -2e-4 * math.sin(0.5)},
+        Changes(joint_sensor=lambda q: q + wave(2e-5, 2, 0.5)(q)[0]),
+        {"cosine_2": 2e-5 * math.cos(0.5), "sine_2": -2e-5 * math.sin(0.5)},
         TRANSMISSION,
         0.02,
-        10.0,
+        5.0,
         WIDE,
     ),
     "kinematic_error": Case(

@@ -76,6 +76,24 @@ def test_other_units_of_the_balances_change_no_value() -> None:
     np.testing.assert_allclose(a, b, atol=1e-5)
 
 
+def test_values_of_an_effect_are_physical_whatever_the_units_are() -> None:
+    """An offset of 1.5 N m on the rotor, in balances whose inertia is taken 1.3 times too large: coefficient over a."""
+    there = signals(Changes(rotor=_offset))
+    effect = effect_named("asymmetric_friction")
+    for factor in (1.0, 1.3):
+        units = replace(known(), rotor_inertia=factor * PLAIN.rotor_inertia)
+        balances = build_equations(there, units, link_of(there))
+        found = build(balances, [Candidate(effect.name, effect.columns(balances.states, {"viscous": False}), effect,
+                                           {"viscous": False})])  # fmt: skip
+        fit = Fit.of(found, Scores(found), found.groups)
+        assert fit.parameters(found.groups[0], DEFAULT)["friction_offset"] == pytest.approx(1.5, rel=5e-3)
+        assert fit.coefficients[found.groups[0].index[0]] == pytest.approx(factor * 1.5, rel=0.01)
+
+
+def _offset(phi: float, v: float, tau: float, t: float) -> float:
+    return 1.5
+
+
 def test_where_a_balance_is_missing_its_values_are_no_numbers() -> None:
     bare = replace(signals(), motor_torque=None)
     found = build(build_equations(bare, known(), link_of(bare)), ())

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
 import struct
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -11,7 +13,19 @@ import pytest
 from report_case import report_page
 
 from hd_control.core.errors import HdError
-from hd_control.lab.page.page import report_html, write_report
+from hd_control.lab.page.page import (
+    Figures,
+    card,
+    folded,
+    grid,
+    json_text,
+    listed,
+    number,
+    paragraph,
+    report_html,
+    table,
+    write_report,
+)
 from hd_control.lab.page.page_data import joint_page
 from hd_control.lab.page.pictures import SCALE, WIDTH, find_browser, key_figures, look, write_pictures
 
@@ -129,3 +143,59 @@ def test_a_page_of_a_simulated_joint() -> None:
     _, lines = transmission.spectra["nominal"]
     assert round(lines[0].order) == 2 and lines[0].directions == (-1, 1)
     assert {window.title for window in transmission.windows} >= {"one reversal"}
+
+
+def test_numbers_that_json_does_not_know_become_null_and_no_script_ends_early() -> None:
+    text = json_text({"a": [float("nan"), float("inf"), 1.5, (2,)], "b": "</script><x>"})
+    assert text == '{"a":[null,null,1.5,[2]],"b":"<\\/script><x>"}'
+    assert json.loads(text)["b"] == "</script><x>"
+
+
+def test_pieces_are_escaped_and_vanish_when_they_would_be_empty() -> None:
+    assert paragraph("a < b", "meta") == '<p class="meta">a &lt; b</p>' and paragraph("") == ""
+    assert listed(["a & b"]) == "<ul><li>a &amp; b</li></ul>" and listed([]) == ""
+    assert card() == grid([]) == folded("more") == ""
+    assert folded("a<b", "<p>x</p>") == "<details><summary>a&lt;b</summary><p>x</p></details>"
+    made = table(["n", "value"], [["a", "1"], ["<b>", "2"]], frozenset({1}))
+    assert made.count('class="number"') == 3 and "&lt;b&gt;" in made
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"), [(None, 3, "–"), (float("nan"), 3, "–"), (0.0, 3, "0"), (1234.5, 3, "1.23e+03"),
+                                  (0.012345, 4, "0.01235")]
+)  # fmt: skip
+def test_numbers_have_their_digits(value: float | None, digits: int, text: str) -> None:
+    assert number(value, digits) == text
+
+
+def test_the_table_of_a_channel_says_what_was_compared() -> None:
+    """Error, share of the measured, refitted, floor, share that is no noise: of the made channel."""
+    page = report_page()
+    text = report_html(page)
+    channel = page.joints[0].channels[0].models["nominal.yaml"]
+    row = text[text.index("<td>nominal.yaml</td>") :].split("</tr>")[0]
+    cells = re.findall(r'<td class="number">([^<]*)</td>', row)
+    assert cells[0] == f"{channel.rms_error:.3g}" and cells[3] == f"{channel.noise_floor:.3g}"
+    assert cells[1] == f"{100.0 * channel.rms_error / channel.rms_measured:.3g} %"
+    assert cells[4] == f"{100.0 * channel.structured_fraction:.0f} %"
+
+
+def test_figures_are_placed_in_order_with_their_data_at_the_end() -> None:
+    figures = Figures()
+    first, second = (figures.place({"data": [k], "layout": {"height": 100 + k}}) for k in (1, 2))
+    assert 'data-figure="figure-1"' in first and "height:102px" in second
+    blocks = re.findall(r'<script type="application/json" id="(figure-\d)">(.*?)</script>', figures.data)
+    assert [(name, json.loads(text)["data"]) for name, text in blocks] == [("figure-1", [1]), ("figure-2", [2])]
+
+
+def test_every_figure_of_the_page_has_its_place_and_its_data() -> None:
+    text = report_html(report_page())
+    places = re.findall(r'data-figure="(figure-\d+)"', text)
+    data = re.findall(r'<script type="application/json" id="(figure-\d+)">', text)
+    assert places and sorted(places) == sorted(data) and len(set(places)) == len(places)
+
+
+def test_only_several_joints_need_a_navigation() -> None:
+    page = report_page()
+    one = replace(page, joints=page.joints[:1])
+    assert "<nav>" in report_html(page) and "<nav>" not in report_html(one)

@@ -52,9 +52,9 @@ def test_what_was_planted_is_selected_and_nothing_else(there: tuple[str, ...]) -
 
 
 def test_too_little_is_not_selected() -> None:
-    """Half a square below the threshold of 40 nats and 0.4 % of half the rows."""
-    assert names(search(("one", 7.0)).run()) == []
-    assert names(search(("one", 14.0)).run()) == ["one"]
+    """36 nats and t = 3.6 on one side of the threshold of 40 nats, 43 on the other."""
+    assert names(search(("one", 9.0)).run()) == []
+    assert names(search(("one", 9.8)).run()) == ["one"]
 
 
 def test_of_look_alikes_the_right_one_is_selected() -> None:

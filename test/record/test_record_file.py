@@ -16,7 +16,7 @@ from hd_control.record.mcap_write import message_record
 
 
 class Slow:
-    """Takes at most some bytes at a time, as a file near its limit does, then fails if reported to."""
+    """Takes at most some bytes at a time, as a file near its limit does, then fails if so made."""
 
     def __init__(self, sizes, failure: BaseException | None = None) -> None:
         self.sizes, self.failure, self.data = list(sizes), failure, b""

@@ -17,7 +17,7 @@ LEVELS = (0.4, 3.0)
 
 @dataclass(frozen=True)
 class Noise:
-    """e_k + sum_i lags[i] e_{k-1-i} = scale * white. lags (ORDER,), scale in the channel's unit.
+    """e_k + sum_i lags[i] e_{k-1-i} = scale * level(v_k) * white_k. lags (ORDER,), scale in the channel's unit.
 
     `levels` (k,): how much louder the white part is at motor speeds `speeds` (k,) rad/s than on average.
     `deviation`: standard deviation of the noise itself in the channel's band, same unit (the noise floor).
@@ -92,7 +92,11 @@ def with_history(valid: BoolArray, lags: int = ORDER) -> BoolArray:
 
 
 def fit_noise(residual: FloatArray, valid: BoolArray) -> Noise:
-    """Least squares on rows with valid history, then once more without the largest residuals (bursts stay visible)."""
+    """Least squares on rows with valid history, then twice more without the largest residuals (bursts stay visible):
+
+    lags = argmin sum_k (e_k + sum_i lags[i] e_{k-1-i})^2 over rows with |e_k + ...| < 4 scale
+    scale = RMS of e_k + sum_i lags[i] e_{k-1-i} on these rows
+    """
     lags = np.zeros(ORDER)
     rows = np.flatnonzero(with_history(valid))
     history = np.stack([residual[rows - lag] for lag in range(1, ORDER + 1)], axis=1)

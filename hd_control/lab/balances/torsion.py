@@ -1,4 +1,10 @@
-"""Torsion of spring and damper in parallel: tau_s / (k (1 + d s)), exact in d, and the torque of the spring alone."""
+"""Torsion of spring and damper in parallel: tau_s / (k (1 + d s)), exact in d, and the torque of the spring alone.
+
+    q - phi = -tau_s / (k (1 + d s)) + zero                                    s: derivative, d: damper over stiffness
+            ~ -(1/k) tau_s / (1 + d0 s) + ((d - d0) / k) s tau_s / (1 + d0 s)^2 + zero        around a guess d0
+
+The coefficients of the two columns are 1/k and (d - d0) / k; a few rounds bring d0 to d.
+"""
 
 from __future__ import annotations
 
@@ -131,7 +137,7 @@ def with_lost_torsion(
     states: DriveStates, spectral: Spectral, damping: float, damper: float, lost: FloatArray
 ) -> DriveStates:
     """The states with the torque of the spring where its torsion is tau / k + `lost` (n,) rad: the damper, `damper`
-    N m s, carries a part for that torsion's rate too."""
+    N m s, carries a part for that torsion's rate too: spring torque = (tau_s - damper s lost) / (1 + d s)."""
     band = band_for(spectral.period, *SPRING_BAND)
     band, lag = Band(band.flat, band.zero), _lag(spectral, damping)
     torque = spectral.filter(states.gauge_torque, band, 0, lag)

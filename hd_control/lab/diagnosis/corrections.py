@@ -87,7 +87,12 @@ MAX_EVALUATIONS = 40
 
 
 class _Projected:
-    """Squared whitened error of a selection without one effect, as a function of that effect's columns."""
+    """Squared whitened error of a selection without one effect, as a function of that effect's columns Z:
+
+    e = y - X c    c = (X^T X + R)^-1 X^T y               X: columns of base and the other effects, once
+    S = Z^T Z - Z^T X (X^T X + R)^-1 X^T Z                what of Z the others do not span
+    d = S^-1 Z^T e    change of the loss = -1/2 d^T Z^T e
+    """
 
     def __init__(self, dictionary: Dictionary, scores: Scores, rest: tuple[Group, ...]) -> None:
         self.dictionary = dictionary
@@ -231,7 +236,12 @@ def _criterion(search: Search, selection: Selection) -> tuple[float, dict[str, f
 
 
 class _Grams:
-    """Gram matrices of a selection by channel and fold."""
+    """Gram matrices of a selection by channel n and fold f, for any units of the channels.
+
+    In units in which the scale coefficient of channel n is `scales[n]`, its columns are that much larger and its white
+    left side is the same: G_f = sum_n scales[n]^2 G_nf, r_f = sum_n scales[n] r_nf. `fitted` gives the scales that come
+    out, which are put in again until both agree.
+    """
 
     def __init__(self, search: Search, selection: Selection) -> None:
         self.dictionary, self.scores = search.dictionary, search.scores

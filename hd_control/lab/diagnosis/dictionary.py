@@ -4,6 +4,10 @@ A **group** is what is added or dropped as one: the columns of one effect with o
 columns have unit norm after whitening; a coefficient that acts on several channels is one coefficient. The noise of a
 channel comes from the residual of everything at once. Blocks of time are dealt to folds, so that what is held out is
 never next to what is fitted.
+
+    white row    y~_k = (y_k + sum_i lags[i] y_{k-1-i}) / (scale level(v_k))        of a left side or a column alike
+    column       x_j = x~_j / norm_j    norm_j^2 = sum x~_j^2 over the rows of all channels
+    coefficient  physical = scaled / norm_j, for scaled x_j = physical x~_j
 """
 
 from __future__ import annotations
@@ -50,7 +54,11 @@ def rich_noise(channel: Channel, raw: FloatArray, velocity: FloatArray) -> Noise
     """Noise from the residual of everything at once: what no column explains.
 
     A rich fit leaves too little in its own rows and too much in rows that it has not seen, both by the same factor to
-    first order and most at low frequencies, where the columns live; the noise is their geometric mean, row by row.
+    first order and most at low frequencies, where the columns live; the noise is their geometric mean, row by row:
+
+        seen   = y - X (G + r I)^-1 b                      G = sum_f G_f, b = sum_f b_f over all fitted rows
+        unseen = y - X (G - G_f + r I)^-1 (b - b_f)        on the rows of fold f
+        e      = sign(seen) sqrt(|seen unseen|)            whose autoregression is the noise
     """
     scale = np.sqrt((raw[channel.fitted] ** 2).sum(axis=0))
     scale[scale == 0.0] = 1.0

@@ -226,7 +226,12 @@ class _Slope:
 
 
 class Bootstrap:
-    """Draws of all coefficients of a fit: `coefficients` (draws, p) physical, `shapes` by (group name, entry)."""
+    """Draws of all coefficients of a fit: `coefficients` (draws, p) physical, `shapes` by (group name, entry).
+
+        c_d = (sum_b w_db G_b + R + P)^-1 sum_b w_db r_b        G_b, r_b of block b; w_d: how often draw d holds it
+
+    over the columns of the fit and, for each shape entry p of an effect with coefficients t, the column (dX/dp) t.
+    """
 
     def __init__(self, fit: Fit, seed: int = 0, draws: int = DRAWS) -> None:
         self.fit = fit

@@ -2,6 +2,12 @@
 
 Loss of a selection: half the whitened squared error on rows that were not used for its fit, in nats, summed over folds.
 A prior of a base coefficient counts as one more measurement, spread over the folds: what it absorbs is paid for.
+
+    G_f = sum x x^T + P / F    r_f = sum x y    s_f = sum y^2        whitened rows x, y of fold f, columns of unit norm
+    c_f = (sum_{g != f} G_g + R)^-1 sum_{g != f} r_g                 fitted without fold f
+    loss = 1/2 sum_f (s_f - 2 c_f^T r_f + c_f^T G_f c_f)             nats
+
+F folds; P = diag(precision / norm^2) of the priors, R = diag(ridge).
 """
 
 from __future__ import annotations
@@ -136,7 +142,14 @@ class Scores:
         return float(total)
 
     def gains(self, index: IntArray, groups: Sequence[Group]) -> FloatArray:
-        """Held-out gain of each group added to a selection, nats. Elimination of the selection, fold by fold."""
+        """Held-out gain of each group added to a selection, nats. Elimination of the selection s, fold by fold:
+
+            B = (A_ss + R_s)^-1 A_sj    c = (A_ss + R_s)^-1 a_s            A, a: Gram matrix, right side of other folds
+            d = (A_jj - A_js B + R_j)^-1 (a_j - A_js c)                    coefficients of group j beside s
+            gain = d^T (t_j - T_js c - B^T (t_s - T_ss c)) - 1/2 d^T (T_jj - T_js B - B^T T_sj + B^T T_ss B) d
+
+        with T, t those of the fold itself: the loss of s alone less that of s and j, each fitted without the fold.
+        """
         gain = np.zeros(len(groups))
         batches = [(place, np.stack([groups[i].index for i in place])) for place in _by_width(groups)]
         for fold in range(len(self.squares)):
