@@ -18,7 +18,6 @@
 #include <atomic>
 #include <cmath>
 #include <cstdint>
-#include <deque>
 #include <exception>
 #include <memory>
 #include <mutex>
@@ -267,8 +266,7 @@ class Statistics {
 // What all loops share: being run by one thread, stopped by another, and entered between two ticks.
 class Loop {
   public:
-    // `poll`: messages are looked for every `kLookEvery`, as where no callback may be set.
-    Loop(std::int64_t dt_ns, bool poll) : dt_ns(dt_ns), polled_(poll) {}
+    explicit Loop(std::int64_t dt_ns) : dt_ns(dt_ns) {}
     Loop(const Loop&) = delete;
     Loop& operator=(const Loop&) = delete;
     virtual ~Loop() = default;
@@ -306,7 +304,7 @@ class Loop {
 
     Inbox& add_inbox(const void* subscription, std::size_t capacity) {
         inboxes_.push_back(std::make_unique<Inbox>(subscription, capacity, bell));
-        if (!polled_ && !inboxes_.back()->listen()) polled_ = true;
+        if (!inboxes_.back()->listen()) polled_ = true;
         return *inboxes_.back();
     }
     // The end: no callback comes any more, no entity of rcl is touched any more.
@@ -343,7 +341,7 @@ class Loop {
     std::mutex between_;
     std::atomic<bool> interrupted_{false};
     std::atomic<bool> closed_{false};
-    bool polled_;
+    bool polled_ = false;
     std::vector<std::unique_ptr<Inbox>> inboxes_;
 };
 
@@ -371,12 +369,12 @@ struct SlowInput {
 // The loop of a node that acts when all inputs of a tick are there.
 class JoinedLoop : public Loop {
   public:
-    explicit JoinedLoop(std::int64_t dt_ns, bool poll = false) : Loop(dt_ns, poll), join_(dt_ns), fresh_(dt_ns) {}
+    explicit JoinedLoop(std::int64_t dt_ns) : Loop(dt_ns), join_(dt_ns), fresh_(dt_ns) {}
 
     void add_input(Inbox& inbox, Input input, Translator translator) {
         fresh_.inputs.push_back(std::move(input));
         join_ = fresh_;
-        sources_.emplace_back(inbox, std::move(translator));
+        sources_.push_back({&inbox, std::move(translator), {}});
     }
     void add_slow(SlowInput slow) { slow_.push_back(std::move(slow)); }
     // While an optional input was never seen, `to` is filled from `from` before the program runs; zero without one.
@@ -392,11 +390,6 @@ class JoinedLoop : public Loop {
             last_stamp_ns_ = -1;
         });
     }
-    // Messages of an input that were dropped: of another run id, and of a layout that cannot be read.
-    std::pair<std::int64_t, std::int64_t> dropped(std::size_t input) const {
-        const Source& source = sources_.at(input);
-        return {source.other_run.load(), source.unreadable.load()};
-    }
     bool seen(std::size_t input) const { return !join_.inputs.at(input).unseen; }
     std::int64_t tick() const { return join_.tick; }
 
@@ -404,11 +397,9 @@ class JoinedLoop : public Loop {
 
   protected:
     struct Source {
-        Source(Inbox& inbox, Translator translator) : inbox(&inbox), translator(std::move(translator)) {}
         Inbox* inbox;
         Translator translator;
         std::vector<CopyNumbers> substitutes;
-        std::atomic<std::int64_t> other_run{0}, unreadable{0};
     };
 
     // Takes what is there, an input after the other, until all are empty; then waits for the last one missing: one
@@ -443,12 +434,11 @@ class JoinedLoop : public Loop {
         Offer outcome = join_.offer(index, inbox.message());
         if (outcome == kOtherLayout) {
             const std::string_view translated = sources_[index].translator.translate(inbox.message());
-            if (!translated.empty()) outcome = join_.offer(index, translated);
+            outcome = translated.empty() ? kForeign : join_.offer(index, translated);
         }
         if (outcome == kComplete) {
             act();
-        } else if (outcome == kForeign || outcome == kOtherLayout) {
-            Statistics::add(outcome == kForeign ? sources_[index].other_run : sources_[index].unreadable, 1);
+        } else if (outcome == kForeign) {
             Statistics::add(statistics.foreign, 1);
         } else if (outcome == kRepeated && active.load() && last_stamp_ns_ >= 0) {
             again.run(join_.tick, last_stamp_ns_, failure);
@@ -481,7 +471,7 @@ class JoinedLoop : public Loop {
     }
 
     Join join_, fresh_;
-    std::deque<Source> sources_;
+    std::vector<Source> sources_;
     std::vector<SlowInput> slow_;
     std::int64_t last_stamp_ns_ = -1, next_look_ns_ = 0;
 };

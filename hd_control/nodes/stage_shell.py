@@ -8,43 +8,32 @@ from typing import Any
 import numpy as np
 from sensor_msgs.msg import JointState
 
-from hd_control import _plane
 from hd_control.chain.stage import Bus, Stage
 from hd_control.core import topics
 from hd_control.core.arrays import FloatArray
 from hd_control.core.parameters import ParameterSet
-from hd_control.nodes.fast_loop import JoinedTurn, RawInput, TemperatureInput, chain_qos, message_runs, wait_matched
+from hd_control.nodes.fast_loop import JoinedTurn, RawInput, TemperatureInput, chain_qos, make_message, wait_matched
 from hd_control.nodes.shell import OK, Introspection, Shell, foreign_report
 from hd_control.record.schema import joint_state_codec
 
 
 class Output:
-    """A chain topic of some joints, published as bytes with the run id of the node, from a loop.
+    """A chain topic of some joints, published as bytes with the run id of the node.
 
-    `places` says where its arrays lie in the numbers that it is made from: those of `numbers` if they stay where they
-    are, else those that `publish` is given.
+    `places` says where its arrays lie in the array of numbers that `publish` is given.
     """
 
     def __init__(
-        self,
-        node: Shell,
-        plane: _plane.Loop,
-        topic: str,
-        joint_names: Sequence[str],
-        places: Mapping[str, range],
-        numbers: FloatArray,
+        self, node: Shell, topic: str, joint_names: Sequence[str], places: Mapping[str, Sequence[int]]
     ) -> None:
         self.publisher = node.create_publisher(JointState, topic, chain_qos(node.values["publisher_depth"]))
+        self._publish = self.publisher.handle.publish_raw
         codec = joint_state_codec(topic, joint_names)
-        template = codec.encode(0, node.run_id)
-        runs = message_runs(codec, places, numbers)
-        self.outbox = plane.outbox(self.publisher.handle, template, codec.stamp_place, runs)
-        self._numbers = numbers
+        self._encode = make_message(codec, node.run_id, places).encode
 
     def publish(self, stamp_ns: int, numbers: FloatArray) -> None:
-        """One message, from Python."""
-        self._numbers[:] = numbers
-        self.outbox.send(stamp_ns)
+        """One message."""
+        self._publish(self._encode(stamp_ns, numbers))
 
 
 def prefixed(parameters: ParameterSet, prefix: str) -> ParameterSet:
@@ -67,8 +56,6 @@ class StageShell(Shell):
     def __init__(self, name: str, own: ParameterSet, prefixes: Sequence[str] = ("",)) -> None:
         self.prefixes = tuple(prefixes)
         self.stages: list[Stage] = []
-        self.inputs: list[RawInput] = []
-        self.temperature: TemperatureInput | None = None
         self._turn: JoinedTurn | None = None
         self.outputs: list[list[Output]] = []
         self._optional: list[tuple[int, str]] = []
@@ -96,28 +83,18 @@ class StageShell(Shell):
         wanted = list(
             dict.fromkeys(topic for stage in self.stages for topic in stage.wiring.inputs if topic not in made)
         )
-        first = self.stages[0]
         self.inputs = [RawInput(self, topic, self.robot.joint_names, self.group) for topic in wanted]
         self.introspection = Introspection(self, [name for stage in self.stages for name in stage.names()])
+        self.outputs = self.make_outputs()
+        first = self.stages[0]
+        slow = bool(first.wiring.slow)
+        self.temperature = TemperatureInput(self, self.robot.joint_names, self.group) if slow else None
         optional = [index for index, topic in enumerate(wanted) if topic in first.wiring.optional]
         self._optional = [(index, wanted[index]) for index in optional]
         destinations = [first.destinations(topic) for topic in wanted]
-        self._turn = turn = JoinedTurn(self.inputs, destinations, self.dt_ns, optional)
-        if first.wiring.slow:
-            self.temperature = TemperatureInput(self, self.robot.joint_names, self.group)
-            turn.add_temperature(self.temperature, self._temperature_targets())
-        self.outputs = self.make_outputs(turn.plane)
-        turn.plane.program.step(self._tick)
-        turn.plane.again.step(self._answer_again)
-        return turn
-
-    def _temperature_targets(self) -> dict[str, list[tuple[FloatArray, int]]]:
-        """By joint name: where the first stage keeps its temperature."""
-        first = self.stages[0]
-        views = [
-            first.sample.view(name) for name, (topic, _) in first.wiring.slow.items() if topic == topics.TEMPERATURE
-        ]
-        return {name: [(view, place) for view in views] for place, name in enumerate(first.joint_names)}
+        self._turn = JoinedTurn(self.loop, self.inputs, destinations, self._tick, self.dt_ns, optional=optional)
+        self._turn.on_repeat = self._answer_again
+        return self._turn
 
     def begin(self) -> None:
         assert self._turn is not None
@@ -135,9 +112,6 @@ class StageShell(Shell):
             self._turn.active = False
 
     def dismantle(self) -> None:
-        if self._turn is not None:
-            self._turn.close()
-            self._turn = None
         for raw in (*self.inputs, *filter(None, [self.temperature])):
             self.destroy_subscription(raw.subscription)
         for publisher in self.publishers:
@@ -150,13 +124,10 @@ class StageShell(Shell):
         for stage in self.stages:
             stage.emergency(error)
 
-    def make_outputs(self, plane: _plane.Loop) -> list[list[Output]]:
+    def make_outputs(self) -> list[list[Output]]:
         """The topics of every stage; after its `names`."""
         return [
-            [
-                Output(self, plane, topic, stage.joint_names, stage.outgoing_places(topic), stage.outgoing.copy())
-                for topic in stage.wiring.outputs
-            ]
+            [Output(self, topic, stage.joint_names, stage.outgoing_places(topic)) for topic in stage.wiring.outputs]
             for stage in self.stages
         ]
 
@@ -165,7 +136,7 @@ class StageShell(Shell):
         """Publishers of all stages."""
         return [output.publisher for outputs in self.outputs for output in outputs]
 
-    def _answer_again(self, tick: int) -> None:
+    def _answer_again(self) -> None:
         """The sender of the present tick has no answer yet: a message was lost while nodes were finding each other."""
         for stage, outputs in zip(self.stages, self.outputs, strict=True):
             for output in outputs:
@@ -188,20 +159,22 @@ class StageShell(Shell):
         if introspection is not None and introspection.on:
             introspection.publish(np.concatenate([part for stage in self.stages for part in stage.numbers()]))
 
-    def _tick(self, tick: int) -> None:
-        turn = self._turn
+    def _tick(self, tick: int, stamp_ns: int) -> None:
+        first, turn = self.stages[0], self._turn
+        if self.temperature is not None and self.temperature.drain():
+            first.read_slow({topics.TEMPERATURE: self.temperature.values})
         if self._waived and turn is not None:
-            self._waived = [(index, topic) for index, topic in self._waived if not turn.plane.seen(index)]
+            self._waived = [(index, topic) for index, topic in self._waived if not turn.join.seen(index)]
             for _, topic in self._waived:
-                self.stages[0].absent(topic)
-        self.run_stages(tick, tick * self.dt_ns, {})
+                first.absent(topic)
+        self.run_stages(tick, stamp_ns, {})
 
     def status(self) -> tuple[bytes, str, dict[str, Any]]:
         values: dict[str, Any] = {}
         if self._turn is not None:
-            plane = self._turn.plane
-            values |= {"loop": self._turn.kind, **plane.statistics.summary()}
-            values |= foreign_report(self, {raw.topic: plane.dropped(i)[0] for i, raw in enumerate(self.inputs)})
+            self._turn.statistics.foreign = sum(raw.foreign for raw in self.inputs)
+            values |= self._turn.statistics.summary()
+            values |= foreign_report(self, {raw.topic: raw.foreign - raw.unreadable for raw in self.inputs})
         level, texts = OK, []
         for stage in self.stages:
             stage_level, text, found = stage.report()
