@@ -213,7 +213,9 @@ def stuck(column: np.ndarray) -> np.ndarray:
     return found
 
 
-@pytest.mark.parametrize("seed", range(30410, 30422))
+@pytest.mark.parametrize(
+    "seed", [pytest.param(seed, marks=[pytest.mark.slow] * (seed > 30413)) for seed in range(30410, 30422)]
+)
 def test_right_signals_get_no_sentence(seed: int) -> None:
     kind = ("none", "one", "two", "poor")[seed % 4]
     signals, ratio, rated = healthy(seed, kind)

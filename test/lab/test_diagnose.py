@@ -120,6 +120,7 @@ def test_what_no_law_describes_is_unknown_and_its_variable_is_said() -> None:
     assert "joint_position" in found.unknown.variables and "nats held out" in found.unknown.evidence
 
 
+@pytest.mark.slow
 def test_a_known_law_beside_something_unknown_is_both() -> None:
     found = answer(Changes(rotor=_bump, link=_load))
     assert (found.verdict, named(found)) == (MISSING_AND_UNKNOWN, ["payload"])

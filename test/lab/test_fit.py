@@ -171,8 +171,8 @@ def test_held_out_errors_are_those_of_the_folds() -> None:
 
 SLOW = np.sin(2.0 * np.pi * 0.35 * equations().states.time)[:, None]
 LAW = Candidate("law", {MOTOR: SLOW})
-TRIALS = 120
-"""Of a probability of 0.95 that many trials give 0.95 +- 0.02; 22 blocks know their own spread to 15 %."""
+TRIALS = 80
+"""Of a probability of 0.95 that many trials give 0.95 +- 0.025; 22 blocks know their own spread to 15 %."""
 
 
 @lru_cache(maxsize=2)
@@ -186,7 +186,7 @@ def trials(memory: float) -> tuple[list[Fit], float]:
     return found, 40.0 / float(d.norm[d.groups[0].index[0]])
 
 
-@pytest.mark.parametrize(("memory", "low"), [(0.0, 0.89), (0.95, 0.86)])
+@pytest.mark.parametrize(("memory", "low"), [(0.0, 0.88), (0.95, 0.85)])
 def test_intervals_cover_the_truth_as_often_as_they_say(memory: float, low: float) -> None:
     """95 %, with noise that is white and with one that hangs together over 20 rows."""
     fits, true = trials(memory)

@@ -48,7 +48,7 @@ def hidden(effect: str, strength: float, motion: str = "general") -> Pair:
     return record_pair(chosen_case(SEED + number, {effect: strength} if effect else {}, motion))
 
 
-@pytest.mark.parametrize("effect", QUICK)
+@pytest.mark.parametrize("effect", [pytest.param(e, marks=[pytest.mark.slow] * (e != QUICK[0])) for e in QUICK])
 def test_the_missing_effect_is_named_added_and_the_error_falls(effect: str) -> None:
     channel, strength = KNOWN[effect]
     split, model, joint = opened(hidden(effect, strength))
@@ -61,6 +61,7 @@ def test_the_missing_effect_is_named_added_and_the_error_falls(effect: str) -> N
     assert ladder.rungs[-1].ratio(channel) <= WITHIN, errors(ladder)
 
 
+@pytest.mark.slow
 def test_a_refit_never_raises_the_error_of_what_it_was_fitted_to() -> None:
     """Beside a large offset of the friction the best fit of the acceleration has an inertia that explains no torque."""
     split, model, joint = opened(hidden("asymmetric_friction", 8.0))
@@ -81,6 +82,7 @@ def errors(ladder: JointLadder) -> str:
     return "; ".join(f"{r.effect}: " + ", ".join(f"{n} {r.ratio(n):.3f}" for n in r.held_out) for r in ladder.rungs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [7003, 7008])
 def test_a_large_ripple_of_the_gauge_leaves_nothing_unknown(seed: int) -> None:
     """The damper of the spring drags the torsion that the ripple would mean, the more the faster it turns."""
@@ -89,6 +91,7 @@ def test_a_large_ripple_of_the_gauge_leaves_nothing_unknown(seed: int) -> None:
     assert ([effect.name for effect in found.effects], found.unknown) == (["gauge_ripple"], None)
 
 
+@pytest.mark.slow
 def test_hysteresis_is_named_and_its_law_leaves_little() -> None:
     """Its reversals are seen through the band of the gauge, so that it does not come down to the noise as others do."""
     split, model, joint = opened(hidden("torsional_hysteresis", 1.0))
@@ -97,6 +100,7 @@ def test_hysteresis_is_named_and_its_law_leaves_little() -> None:
     assert ladder.rungs[-1].held_out["transmission"] < 0.5 * ladder.rungs[1].held_out["transmission"]
 
 
+@pytest.mark.slow
 def test_a_drive_without_hidden_effect_stays_adequate() -> None:
     split, model, joint = opened(hidden("", 0.0))
     found = diagnose_joint(split.train, model, joint)
@@ -111,7 +115,7 @@ def test_a_drive_without_hidden_effect_stays_adequate() -> None:
     ("effect", "variable", "channel"),
     [
         ("tooth_defect", "joint_position", "transmission"),
-        ("friction_step", "time", "motor_torque"),
+        pytest.param("friction_step", "time", "motor_torque", marks=pytest.mark.slow),
     ],
 )
 def test_an_effect_outside_the_library_is_called_unknown(effect: str, variable: str, channel: str) -> None:
@@ -132,6 +136,7 @@ def test_a_poor_recording_is_refused_with_an_experiment(motion: str) -> None:
     assert found.experiments and all(e.purpose and e.how for e in found.experiments)
 
 
+@pytest.mark.slow
 def test_values_found_are_those_of_the_world_and_inside_their_intervals() -> None:
     pair = hidden("kinematic_error", 1.0)
     split, model, joint = opened(pair)
@@ -161,6 +166,7 @@ def test_without_motor_torque_the_other_channels_still_answer() -> None:
     assert [effect.name for effect in found.effects] == ["kinematic_error"]
 
 
+@pytest.mark.slow
 def test_a_held_out_run_without_the_channel_of_the_effect_says_so() -> None:
     """The model has an effect of the motor side then; a recording without motor torque must still be compared."""
     split, model, joint = opened(hidden("asymmetric_friction", 1.0))
