@@ -97,7 +97,9 @@ class BlackBox:
                 if not (self._open and self._open[-1].cause is cause):
                     self._open.append(_Stop(int(self._ring.stop_rows[slot]), cause))
             self._seen = stops
-            while self._open and self.written - max(0, self._open[0].row - self._before) >= self._ring.rows:
+            # Rows are used again from here on; the next look may be a second away.
+            limit = int(self._ring.rows) - self._after
+            while self._open and self.written - max(0, self._open[0].row - self._before) >= limit:
                 self._keep(1)
 
     def mark(self, cause: BaseException) -> None:

@@ -141,9 +141,9 @@ struct SafetyGate {
 
 // Arithmetic of the sensor monitors and the guard's look at an ordinary sample, for all joints in one call.
 //
-// Each function answers `true` when there is nothing to report. Python (hd_control/safety/sensor_monitors.py,
-// guard.py) says what the numbers mean, and judges every sample that is not ordinary. Comparisons are written so that
-// a NaN is never ordinary.
+// Each function answers `true` when there is nothing to report. The callers
+// (sensor_watch.hpp, guard.hpp) say what the numbers mean and judge every other sample. Comparisons are written so that a
+// NaN is never ordinary.
 
 inline bool all_finite(const double* values, int count) {
     bool good = true;

@@ -65,6 +65,9 @@ def test_reversals_are_the_passages_of_zero_and_noise_makes_none() -> None:
     noisy = speed + 0.03 * np.random.default_rng(0).standard_normal(time.size)
     assert reversals(noisy, 0.15).size == 14
     assert reversals(np.abs(speed), 0.05).size == 0, "a stop is no change of direction"
+    for sign in (-1.0, 1.0):  # rest after a motion, with noise of both signs
+        stop = np.where(time < 5.0, sign, 0.0) + 0.03 * np.random.default_rng(0).standard_normal(time.size)
+        assert reversals(stop, 0.15).size == 0
     assert reversals(np.zeros(100), 0.05).size == 0
 
 
@@ -92,8 +95,10 @@ def test_velocities_are_those_of_the_motion() -> None:
         assert np.sqrt(np.mean((velocity - exact)[inside] ** 2)) < 4e-3 * np.abs(exact).max()
     # At a stop the acceleration jumps by 7 rad/s^2: a corner of 7 t^2 / 2 within the filter's 5 ms.
     np.testing.assert_allclose(found.joint_position[inside], clean.joint_position[inside], atol=1e-4)
-    rate = np.gradient(clean.gauge_torque, PERIOD)
-    assert np.sqrt(np.mean((states.joint_torque_rate - rate)[inside] ** 2)) < 0.02 * rate.std()
+    # The torque rings with the resonance at stops; its rate is that of the torque as the light filter sees it.
+    rate = np.gradient(states.joint_torque, PERIOD)
+    assert np.sqrt(np.mean((states.joint_torque_rate - rate)[inside] ** 2)) < 0.01 * rate.std()
+    assert np.sqrt(np.mean((states.joint_torque - clean.gauge_torque)[inside] ** 2)) < 0.01 * clean.gauge_torque.std()
 
 
 def test_sliding_is_beyond_speed_and_travel_and_direction_is_its_sign() -> None:
@@ -151,7 +156,8 @@ def test_the_motor_torque_counts_from_its_stamp_on_and_the_scale_is_that_of_the_
     _, states = derived(signals())
     u, inside = signals().motor_torque, slice(600, -600)
     middle = 0.5 * (u + np.concatenate([u[:1], u[:-1]]))
-    assert np.abs(states.motor_torque - middle)[inside].max() < 0.02 * np.abs(u).max()
+    late = np.sqrt(np.mean((states.motor_torque - middle)[inside] ** 2))
+    assert late < 0.3 * np.sqrt(np.mean((states.motor_torque - u)[inside] ** 2))
     used = np.abs(states.joint_torque[600:-600])
     assert np.mean(used <= states.torque_scale) == pytest.approx(0.98, abs=0.005)
 
@@ -173,7 +179,7 @@ def test_slow_motion_and_its_beats_are_tones() -> None:
 
 def test_motion_over_a_few_counts_repeats_their_error() -> None:
     time, count = np.arange(4000) * PERIOD, 1e-5
-    small, wide = (size * count * np.sin(2.0 * np.pi * 20.0 * time) for size in (3.0, 30.0))
+    small, wide = (size * count * np.sin(2.0 * np.pi * 20.0 * time) for size in (3.0, 8.0))
     assert few_counts(small, count, PERIOD).all() and not few_counts(wide, count, PERIOD).any()
     assert not few_counts(small, 0.0, PERIOD).any()
 
@@ -188,8 +194,9 @@ def test_rows_are_noisy_where_the_counts_are_a_tone_of_the_band() -> None:
     noisy = noisy_rows(found, PERIOD, band, every, angles)
     slow = np.abs(found.motor_velocity[::8]) < count * 60.0
     assert noisy[slow].all() and 0.0 < noisy.mean() < MOST_NOISY
-    both = {"motor_position": (1,), "joint_position": (1,)}
-    np.testing.assert_array_equal(noisy_rows(found, PERIOD, band, every, both), noisy)
+    both, fine = {"motor_position": (1,), "joint_position": (1,)}, 0.1 * count
+    finer = replace(coarse, joint_position=fine * np.round(signals(noisy=False).joint_position / fine))
+    np.testing.assert_array_equal(noisy_rows(derived(finer)[0], PERIOD, band, every, both), noisy)
     assert not noisy_rows(derived(signals())[0], PERIOD, band, every, both).any()
 
 
