@@ -4,8 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from plain_joint import equations
 
-from hd_control.lab.maps.condition_maps import Conditions, concentration, correlation_time, maps_of, sentence, worst
+from hd_control.lab.maps.condition_maps import (
+    Conditions,
+    Range,
+    bin_edges,
+    concentration,
+    conditions_of,
+    correlation_time,
+    maps_of,
+    place,
+    sentence,
+    worst,
+)
 
 ROWS, PERIOD = 7500, 0.008
 
@@ -134,3 +146,67 @@ def test_at_the_floor_nothing_is_said_and_without_rows_nothing_is_known() -> Non
     assert sentence(maps, 1.0).startswith("The error is at the noise floor")
     nothing = maps_of(conditions(), noise(), ~EVERYWHERE)
     assert sentence(nothing) == "There are no rows to judge." and worst(nothing) == []
+
+
+def test_edges_follow_the_kind_of_the_variable() -> None:
+    random = np.random.default_rng(0)
+    speed = np.abs(random.standard_normal(5000)) + 1e-3
+    edges = bin_edges("motor_velocity", speed)
+    ratios = edges[2:] / edges[1:-1]
+    np.testing.assert_allclose(ratios, ratios[0])
+    assert edges[-1] == pytest.approx(speed.max())
+    assert edges[0] == 0.0, "what is slower than the 2 % quantile has a bin of its own"
+    load = np.concatenate([np.zeros(4000), random.standard_normal(1000)])
+    assert (np.diff(bin_edges("joint_torque", load)) > 0.0).all(), "equal quantiles are one edge"
+    even = bin_edges("joint_torque", random.standard_normal(10_000))
+    counts = np.histogram(np.random.default_rng(0).standard_normal(10_000), even)[0]
+    assert even.size == 11 and counts.min() > 0
+    assert bin_edges("motor_shaft_position", load).size == 73 and bin_edges("direction", load).size == 4
+    np.testing.assert_allclose(np.diff(bin_edges("time", np.array([1.0, 4.0]))), 0.1)
+    assert bin_edges("temperature", np.full(10, 25.0)).size == 0, "it does not vary"
+
+
+def test_a_value_on_an_edge_belongs_to_the_bin_above_and_the_last_one_to_the_last() -> None:
+    edges = bin_edges("time", np.array([0.0, 3.0]))
+    there = Conditions(np.ones(4), {"time": edges[[0, 1, 5, -1]]})
+    counts = maps_of(there, np.arange(1.0, 5.0), np.ones(4, bool)).maps["time"].bins.count
+    assert np.flatnonzero(counts[2]).tolist() == [0, 1, 5, edges.size - 2] and counts.sum() == 4.0
+
+
+@pytest.mark.parametrize(
+    ("variable", "low", "high", "start", "end", "words"),
+    [
+        ("reversal_time", 0.0, 0.01, True, False, "within 10 ms after a reversal"),
+        ("reversal_time", 1.5, 3.0, False, True, "more than 1.5 s after a reversal"),
+        ("reversal_time", 0.1, 0.2, False, False, "from 100 to 200 ms after a reversal"),
+        ("reversal_travel", 0.0, 2e-3, True, False, "within 2 mrad after a reversal"),
+        ("joint_position", 0.0, np.pi / 2.0, False, False, "at joint angles from 0 to 90 degrees"),
+        ("time", 1.0, 2.5, True, False, "between 1.0 and 2.5 s"),
+        ("motor_velocity", 0.0, 0.1, True, False, "at motor speeds below 0.1 rad/s"),
+        ("joint_torque", 5.0, 9.0, False, True, "at joint torques above 5 N m"),
+        ("temperature", 20.0, 30.0, False, False, "at temperatures from 20 to 30 degrees Celsius"),
+    ],
+)
+def test_a_range_in_words(variable: str, low: float, high: float, start: bool, end: bool, words: str) -> None:
+    assert place(Range(variable, low, high, 0.5, 0.1, 0.3, start, end)) == words
+
+
+def test_conditions_of_a_joint_are_its_states_at_the_rows_of_the_channel() -> None:
+    there = equations()
+    for name, speed in (("motor_torque", "motor_velocity"), ("link_torque", "joint_velocity")):
+        found, step = conditions_of(there, name), there.channels[name].band.step
+        np.testing.assert_array_equal(found.variables[speed], np.abs(getattr(there.states, speed))[::step])
+        np.testing.assert_array_equal(found.direction, there.derived.direction[::step])
+        assert "temperature" not in found.variables, "it was not recorded"
+        angle = found.variables["motor_shaft_position"]
+        assert angle.min() >= 0.0 and angle.max() < 2.0 * np.pi
+        assert {"joint_velocity", "motor_velocity"} & set(found.variables) == {speed}
+
+
+def test_friction_splits_by_direction_and_load_does_not() -> None:
+    """The same mean over the load, once with the sign of the direction, once without."""
+    there = conditions()
+    wave = there.variables["joint_position"]
+    for residual, split in ((wave * there.direction, True), (wave, False)):
+        text = sentence(maps_of(there, residual + 0.1 * noise(), EVERYWHERE))
+        assert ("split by direction" in text) == split, text
