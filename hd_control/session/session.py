@@ -235,6 +235,8 @@ class NodeProcess:
 
 START_TIMEOUT = 30.0
 CALL_TIMEOUT = 15.0
+TRANSITION_TIMEOUT = 60.0
+"""s; a node that is configured loads its laws, and on a busy machine seven of them share two processors."""
 RECORDED_TIMEOUT = 5.0
 CORE_OF_TWO = {"plant_node": "0", "torque_node": "0", "fusion_node": "1", "motion_node": "1"}
 
@@ -324,13 +326,13 @@ class Session:
 
     def activate(self) -> None:
         """Configures all nodes at once, then activates them in order, the plant last."""
-        self.client.transition([process.path for process in self.processes], "configure", CALL_TIMEOUT)
+        self.client.transition([process.path for process in self.processes], "configure", TRANSITION_TIMEOUT)
         self.activate_again()
 
     def activate_again(self) -> None:
         """Activates configured nodes in order, the plant last."""
         for process in self.processes:
-            self.client.transition([process.path], "activate", CALL_TIMEOUT)
+            self.client.transition([process.path], "activate", TRANSITION_TIMEOUT)
 
     def deactivate(self) -> None:
         """Deactivates all nodes, the plant first."""
