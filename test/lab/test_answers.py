@@ -48,7 +48,7 @@ def test_a_report_says_where_the_error_is_and_carries_what_was_compared() -> Non
     assert "joint torque" in found.sentences[LINK] or "joint angle" in found.sentences[LINK]
     assert found.sentences[TRANSMISSION] == "The error is at the noise floor: nothing is left to explain here."
     worst = found.comparison.channels[LINK].worst
-    assert 0 < len(worst) <= WORST and found.notes == ()
+    assert 2 < len(worst) <= WORST == 8 and found.notes == ()
     assert [item["share_of_error"] for item in worst] == sorted((i["share_of_error"] for i in worst), reverse=True)
 
 

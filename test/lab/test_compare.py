@@ -203,6 +203,10 @@ def test_a_free_run_says_what_it_needs() -> None:
     assert found.runs == {} and "neither robot description nor link inertia" in found.why_not
     blind = replace(signals(), motor_shaft_position=None)
     side = LinkSide(model(), {NAME: signals()})
+    silent = task_of(replace(signals(), motor_torque=None), joint_model(), None)
+    assert (
+        horizons(silent, signals(), joint_model(), side).why_not == "a free run needs motor torque and motor position"
+    )
     assert horizons(task, blind, joint_model(), side).why_not == "a free run needs motor torque and motor position"
     short = replace(
         task.equations, derived=replace(task.equations.derived, usable=task.equations.derived.usable & False)

@@ -180,6 +180,7 @@ def test_a_value_on_an_edge_belongs_to_the_bin_above_and_the_last_one_to_the_las
         ("reversal_time", 1.5, 3.0, False, True, "more than 1.5 s after a reversal"),
         ("reversal_time", 0.1, 0.2, False, False, "from 100 to 200 ms after a reversal"),
         ("reversal_travel", 0.0, 2e-3, True, False, "within 2 mrad after a reversal"),
+        ("reversal_travel", 5e-3, 0.2, False, True, "more than 5 mrad after a reversal"),
         ("joint_position", 0.0, np.pi / 2.0, False, False, "at joint angles from 0 to 90 degrees"),
         ("time", 1.0, 2.5, True, False, "between 1.0 and 2.5 s"),
         ("motor_velocity", 0.0, 0.1, True, False, "at motor speeds below 0.1 rad/s"),

@@ -179,11 +179,11 @@ def test_the_floor_is_a_median_of_both_sides() -> None:
 @pytest.mark.parametrize("order", [1.3, 2.0, 2.51, 5.77])
 @pytest.mark.parametrize("amplitude", [0.3, 3.0])
 def test_order_and_amplitude_of_a_sine_between_the_bins(order: float, amplitude: float) -> None:
-    """A Hann window padded twice: the parabola over three logarithms is right within 1 % of the amplitude and a tenth
-    of the resolution, wherever the line lies."""
+    """A Hann window padded twice: the parabola over three logarithms is right within 0.7 % of the amplitude and a tenth
+    of the resolution, wherever the line lies; without it a line between two bins would be 1.5 % too low."""
     _, (line, *_) = found([record(changing(), wave(order, amplitude), noise=0.01 * amplitude)])
     assert line.order == pytest.approx(order, abs=0.1 * line.resolution)
-    assert line.amplitude == pytest.approx(amplitude, rel=0.03)
+    assert line.amplitude == pytest.approx(amplitude, rel=0.007)
 
 
 def test_lines_apart_by_three_cells_are_two() -> None:
