@@ -184,6 +184,8 @@ class Runner:
                 found.copy(chain[topic][array], view)
                 if topic == topics.TEMPERATURE:
                     found.every(self.temperature_ticks)
+            if stage.input_ticks is not None:
+                found.stamp(stage.input_ticks)
             found.call(stage.step_capsule())
             for topic in stage.wiring.outputs:
                 places = stage.outgoing_places(topic).items()

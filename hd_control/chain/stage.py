@@ -23,6 +23,9 @@ RAMP_TIME = 0.5
 Bus = dict[str, dict[str, FloatArray]]
 """Arrays of the present tick by topic and name (`position`, `velocity`, `effort`), for all joints of the robot."""
 
+TICK = "tick"
+"""In destinations of a message: its tick, beside its arrays."""
+
 OK, WARN, ERROR = 0, 1, 2
 """Levels of a report, as in diagnostics."""
 
@@ -83,6 +86,7 @@ class Stage:
         if self.reference is not None:
             self.inputs += [(self.reference.view(name), *source) for name, source in self.wiring.reference.items()]
         self._results: list[tuple[str, str, FloatArray]] = []
+        self.input_ticks: FloatArray | None = getattr(native, "input_ticks", None)
 
     # ---- parameters and state ---------------------------------------------------------------------------------
 
@@ -125,7 +129,7 @@ class Stage:
 
     def step(self, tick: int, bus: Bus) -> Bus:
         """One tick: reads its inputs from the bus, returns the arrays of each topic that it makes."""
-        self.read(bus)
+        self.read(bus, tick)
         self.act(tick)
         return self.results()
 
@@ -137,13 +141,16 @@ class Stage:
         """`act` for a loop without the interpreter."""
         return self.native.step_capsule()
 
-    def read(self, bus: Bus) -> None:
-        """Fills sample and reference from the bus; a topic that is absent leaves its fields as they were."""
-        pick = self._pick
+    def read(self, bus: Bus, tick: int) -> None:
+        """Fills sample and reference from the bus of a tick; a topic that is absent leaves its fields as they were."""
+        pick, ticks = self._pick, self.input_ticks
         for view, topic, array in self.inputs:
             arrays = bus.get(topic)
             if arrays is not None:
                 view[:] = arrays[array][pick]
+        for place, topic in enumerate(self.wiring.inputs if ticks is not None else ()):
+            if topic in bus:
+                ticks[place] = tick  # type: ignore[index]
 
     def read_slow(self, bus: Bus) -> None:
         """Fills the fields that are updated now and then; a topic that is absent leaves them as they were."""
@@ -178,13 +185,18 @@ class Stage:
         return {array: range(part.start, part.stop) for array, part in parts.items()}
 
     def destinations(self, topic: str) -> dict[str, list[tuple[FloatArray, list[int]]]]:
-        """By array of the topic: the views of sample and reference that take it, with the robot's joints they take."""
+        """By array of the topic: the views of sample and reference that take it, with the robot's joints they take.
+
+        Under `TICK`: the number that takes the tick of the message.
+        """
         joints = self.robot.indices(self.joint_names)
         found: dict[str, list[tuple[FloatArray, list[int]]]] = {}
         for block, fields in ((self.sample, self.wiring.sample), (self.reference, self.wiring.reference)):
             for name, (source, array) in fields.items():
                 if source == topic and block is not None:
                     found.setdefault(array, []).append((block.view(name), joints))
+        if self.input_ticks is not None:
+            found[TICK] = [(self.input_ticks, [self.wiring.inputs.index(topic)])]
         return found
 
     # ---- for those who look on --------------------------------------------------------------------------------

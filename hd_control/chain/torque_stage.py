@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -43,6 +44,7 @@ class TorqueStage(Stage):
             n, self.dt, _KINDS[params.layout.name], self.limits.gate.array, self.limits.guard.array,
             envelope(*self._bounds), *span(self.dt), ramp_kinds(torque, params.layout),
             start_places(torque, params.layout, state),
+            [math.nan if topic in TORQUE.optional else -1.0 for topic in TORQUE.inputs],
         )  # fmt: skip
         blocks = {
             "params": params.layout,
@@ -71,7 +73,7 @@ class TorqueStage(Stage):
         native.faults.take_over(before.faults)
         native.sample[:], native.reference[:], native.allowed[:] = before.sample, before.reference, before.allowed
         native.degraded_samples, native.lost, native.failed = before.degraded_samples, before.lost, before.failed
-        native.railed[:] = before.railed
+        native.railed[:], native.input_ticks[:] = before.railed, before.input_ticks
 
     def watch(self, joint_names: Sequence[str], numbers: FloatArray, columns: dict[tuple[str, str], slice]) -> None:
         """More numbers for the black box: what other stages of the process receive."""
@@ -96,8 +98,8 @@ class TorqueStage(Stage):
             self.native.offer(self._offered.array)
         super().start()
 
-    def read(self, bus: Bus) -> None:
-        super().read(bus)
+    def read(self, bus: Bus, tick: int) -> None:
+        super().read(bus, tick)
         if topics.REFERENCE not in bus:
             self.absent(topics.REFERENCE)
 

@@ -213,7 +213,8 @@ enum class TorqueLaw { adaptive, manifold, feedback };
 class TorqueTick {
   public:
     TorqueTick(int joints, double dt, TorqueLaw law, const double* gate_limits, const double* guard_limits,
-               const double* bounds, std::size_t before, std::size_t after, RampPlan plan)
+               const double* bounds, std::size_t before, std::size_t after, RampPlan plan,
+               std::vector<double> unseen_inputs)
         : n(joints),
           dt(dt),
           law(law),
@@ -231,7 +232,9 @@ class TorqueTick {
           command(static_cast<std::size_t>(joints), 0.0),
           refusals(static_cast<std::size_t>(4 * (4 * joints + 4))),
           railed(static_cast<std::size_t>(joints), 0.0),
-          no_age_(static_cast<std::size_t>(joints), 0.0),
+          input_ticks(unseen_inputs),
+          unseen_(std::move(unseen_inputs)),
+          ages_(static_cast<std::size_t>(joints), 0.0),
           ticks_(static_cast<std::size_t>(joints), 0.0),
           kept_(static_cast<std::size_t>(5 * joints)) {}
 
@@ -259,6 +262,7 @@ class TorqueTick {
         guard.deactivate();
         gate_open = false;
         std::fill(adaptation.begin(), adaptation.end(), 0.0);
+        input_ticks = unseen_;
         tick = -1;
     }
 
@@ -428,13 +432,24 @@ class TorqueTick {
             gate_open = true;
         }
         std::fill(ticks_.begin(), ticks_.end(), static_cast<double>(now));
+        std::fill(ages_.begin(), ages_.end(), input_age(static_cast<double>(now)));
         std::copy(in.motor_position, in.motor_position + n, guard.seen.motor_position);
         std::copy(in.motor_velocity, in.motor_velocity + n, guard.seen.motor_velocity);
         std::copy(in.joint_position, in.joint_position + n, guard.seen.joint_position);
         std::copy(in.joint_velocity, in.joint_velocity + n, guard.seen.joint_velocity);
         if (reset_asked.load(std::memory_order_acquire)) answer_reset();
-        guard.step(wanted, no_age_.data(), ticks_.data(), allowed.data(), rows);
+        guard.step(wanted, ages_.data(), ticks_.data(), allowed.data(), rows);
         if (rows.count > 0) table.note(rows, static_cast<double>(now));
+    }
+
+    // Samples since the oldest input was there; negative if one is ahead of this tick, which is the first to be said.
+    double input_age(double now) const {
+        double oldest = 0.0;
+        for (const double seen : input_ticks) {
+            if (now < seen) return now - seen;
+            if (now - seen > oldest) oldest = now - seen;
+        }
+        return oldest;
     }
 
     // Between two ticks, on request of the reset service.
@@ -481,9 +496,12 @@ class TorqueTick {
     }
 
     std::vector<double> railed;
+    // Tick of the message that filled each input, in the order of the wiring. Before the first: -1, or not a number for
+    // an input that counts only once it has been seen.
+    std::vector<double> input_ticks;
 
   private:
-    std::vector<double> no_age_, ticks_, kept_;
+    std::vector<double> unseen_, ages_, ticks_, kept_;
 };
 
 }  // namespace hd

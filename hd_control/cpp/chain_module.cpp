@@ -275,12 +275,13 @@ void bind_torque(py::module_& m) {
     py::class_<TorqueTick> c(m, "TorqueTick");
     c.def(py::init([](int joints, double dt, int law, const Array& gate_limits, const Array& guard_limits,
                       const Array& bounds, std::size_t before, std::size_t after, const std::vector<int>& kinds,
-                      const std::vector<std::pair<int, int>>& starts) {
+                      const std::vector<std::pair<int, int>>& starts, const std::vector<double>& unseen_inputs) {
          check_joints(joints);
          return std::make_unique<TorqueTick>(
              joints, dt, static_cast<TorqueLaw>(law), numbers(gate_limits, GateLimits::size(joints), "gate limits"),
              numbers(guard_limits, GuardLimits::size(joints), "guard limits"),
-             numbers(bounds, static_cast<std::size_t>(3 * joints), "bounds"), before, after, plan_of(kinds, starts));
+             numbers(bounds, static_cast<std::size_t>(3 * joints), "bounds"), before, after, plan_of(kinds, starts),
+             unseen_inputs);
      }))
         .def_property_readonly("sample", block(&TorqueTick::sample))
         .def_property_readonly("reference", block(&TorqueTick::reference))
@@ -288,6 +289,7 @@ void bind_torque(py::module_& m) {
         .def_property_readonly("state", block(&TorqueTick::state))
         .def_property_readonly("adaptation", block(&TorqueTick::adaptation))
         .def_property_readonly("allowed", block(&TorqueTick::allowed))
+        .def_property_readonly("input_ticks", block(&TorqueTick::input_ticks))
         .def_property_readonly("guard", [](TorqueTick& t) -> Guard& { return t.guard; },
                                py::return_value_policy::reference_internal)
         .def_property_readonly("faults", [](TorqueTick& t) -> FaultTable& { return t.table; },
@@ -374,6 +376,9 @@ void bind_sequence(py::module_& m) {
             if (from.size() != to.size()) throw std::invalid_argument("copy: different sizes");
             s.copy(from.data(), to.mutable_data(), static_cast<std::size_t>(from.size()));
         }, py::keep_alive<1, 2>(), py::keep_alive<1, 3>())
+        .def("stamp", [](Sequence& s, Array ticks) {
+            s.stamp(ticks.mutable_data(), static_cast<std::size_t>(ticks.size()));
+        }, py::keep_alive<1, 2>())
         .def("call", [](Sequence& s, const py::capsule& step) { s.call(step_of(step)); }, py::keep_alive<1, 2>())
         .def("record", [](Sequence& s, const Array& from, Array table) {
             if (from.size() == 0 || table.size() % from.size() != 0) throw std::invalid_argument("record: rows differ");

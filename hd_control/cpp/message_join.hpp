@@ -53,6 +53,7 @@ struct Input {
     Layout layout;
     std::vector<Copy> copies;
     std::string run_id;  // empty: not bound yet
+    double* tick_to = nullptr;  // takes the tick of the message, beside its numbers
     bool filled = false, unseen = false;
 };
 
@@ -87,6 +88,7 @@ struct Join {
             return found == tick && !open && index + 1 == inputs.size() ? kRepeated : kStale;
         }
         for (const Copy& copy : input.copies) std::memcpy(copy.to, data.data() + copy.from, sizeof(double));
+        if (input.tick_to != nullptr) *input.tick_to = static_cast<double>(found);
         input.filled = true;
         for (const Input& each : inputs) {
             if (!each.filled) return kStored;

@@ -4,6 +4,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <optional>
 #include <stdexcept>
 
 #include "message_join.hpp"
@@ -26,10 +27,11 @@ class JoinBinding {
         if (dt_ns <= 0) throw std::invalid_argument("the period must be positive");
     }
 
-    // `offsets[i]` is the byte offset of the double that goes to `target[places[i]]`.
+    // `offsets[i]` is the byte offset of the double that goes to `target[places[i]]`, the tick goes to `ticks[tick_place]`.
     void add(const std::string& fixed, const std::string& mask, std::size_t stamp_at, std::size_t frame_at,
              std::size_t frame_length, const std::vector<std::size_t>& offsets, const std::vector<Array>& targets,
-             const std::vector<std::size_t>& places, bool optional) {
+             const std::vector<std::size_t>& places, bool optional, const std::optional<Array>& ticks,
+             std::size_t tick_place) {
         hd::Input input;
         const std::size_t size = fixed.size();
         if (mask.size() != size || stamp_at + 8 > size || frame_at + frame_length > size) {
@@ -45,6 +47,12 @@ class JoinBinding {
                 throw std::invalid_argument("a copy lies outside its message or its block");
             }
             input.copies.push_back({offsets[i], target.mutable_data() + places[i]});
+            kept_.push_back(target);
+        }
+        if (ticks) {
+            Array target = *ticks;
+            if (tick_place >= static_cast<std::size_t>(target.size())) throw std::invalid_argument("no such tick");
+            input.tick_to = target.mutable_data() + tick_place;
             kept_.push_back(target);
         }
         input.unseen = optional;
@@ -110,7 +118,7 @@ PYBIND11_MODULE(_messages, m) {
         .def(py::init<std::int64_t>(), py::arg("dt_ns"))
         .def("add", &JoinBinding::add, py::arg("fixed"), py::arg("mask"), py::arg("stamp_at"), py::arg("frame_at"),
              py::arg("frame_length"), py::arg("offsets"), py::arg("targets"), py::arg("places"),
-             py::arg("optional") = false)
+             py::arg("optional") = false, py::arg("ticks") = py::none(), py::arg("tick_place") = 0)
         .def("offer", &JoinBinding::offer)
         .def("last_missing", &JoinBinding::last_missing)
         .def("seen", &JoinBinding::seen)

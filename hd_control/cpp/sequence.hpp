@@ -17,6 +17,9 @@ class Sequence {
     // `count` numbers from one block to another.
     void copy(const double* from, double* to, std::size_t count) { parts_.push_back({kCopy, {}, from, to, count, 1}); }
 
+    // `count` numbers become the tick: the inputs that they stand for are of this tick.
+    void stamp(double* ticks, std::size_t count) { parts_.push_back({kStamp, {}, nullptr, ticks, count, 1}); }
+
     void call(Step step) { parts_.push_back({kCall, step, nullptr, nullptr, 0, 1}); }
 
     // One row of `count` numbers per tick, into a table that the caller keeps; `row` counts from 0 with each `run`.
@@ -41,7 +44,7 @@ class Sequence {
     static void run_one(void* self, std::int64_t tick) { (*static_cast<Sequence*>(self))(tick); }
 
   private:
-    enum Kind { kCopy, kCall, kRecord };
+    enum Kind { kCopy, kCall, kRecord, kStamp };
     struct Part {
         Kind kind;
         Step step;
@@ -56,6 +59,8 @@ class Sequence {
             if (part.every != 1 && tick % part.every != 0) continue;
             if (part.kind == kCall)
                 part.step(tick);
+            else if (part.kind == kStamp)
+                std::fill_n(part.to, part.count, static_cast<double>(tick));
             else
                 std::copy(part.from, part.from + part.count, part.kind == kCopy ? part.to : part.to + row * part.count);
         }

@@ -26,6 +26,7 @@ from sensor_msgs.msg import JointState, Temperature
 
 from hd_control import _messages
 from hd_control._messages import COMPLETE, FOREIGN, OTHER_LAYOUT, REPEATED, STORED
+from hd_control.chain.stage import TICK
 from hd_control.core.arrays import FloatArray
 from hd_control.core.topics import TEMPERATURE
 from hd_control.record.cdr import JointStateCodec, TemperatureCodec
@@ -35,13 +36,18 @@ from hd_control.record.schema import joint_state_codec
 
 
 Destinations = Mapping[str, Sequence[tuple[FloatArray, Sequence[int]]]]
-"""By array of the message: views to write to, each with the joints (by index in the message) that it takes."""
+"""By array of the message: views to write to, each with the joints (by index in the message) that it takes.
+
+Under `TICK`: where the tick of the message goes."""
 
 
 def add_input(join: _messages.Join, codec: JointStateCodec, destinations: Destinations, optional: bool = False) -> None:
     """Adds an input whose arrays are written straight to their destinations when a message is taken."""
     offsets, targets, places = [], [], []
+    ((ticks, (tick_place,)),) = destinations.get(TICK, [(None, [0])])
     for name, wanted in destinations.items():
+        if name == TICK:
+            continue
         start, _ = codec.places[name]
         for view, joints in wanted:
             for place, joint in enumerate(joints):
@@ -49,7 +55,8 @@ def add_input(join: _messages.Join, codec: JointStateCodec, destinations: Destin
                 targets.append(view)
                 places.append(place)
     fixed, mask = codec.fixed_bytes, codec.mask_bytes
-    join.add(fixed, mask, codec.stamp_place, *codec.frame_place, offsets, targets, places, optional)
+    join.add(fixed, mask, codec.stamp_place, *codec.frame_place, offsets, targets, places, optional,
+             ticks, tick_place)  # fmt: skip
 
 
 def make_message(codec: JointStateCodec, run_id: str, places: Mapping[str, Sequence[int]]) -> _messages.Message:

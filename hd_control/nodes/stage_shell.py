@@ -147,7 +147,7 @@ class StageShell(Shell):
         last = len(self.stages) - 1
         for index, stage in enumerate(self.stages):
             if index > 0:
-                stage.read(bus)
+                stage.read(bus, tick)
             stage.act(tick)
             numbers = stage.outgoing
             for output in self.outputs[index]:

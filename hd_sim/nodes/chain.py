@@ -47,7 +47,7 @@ class InnerSeam(TopicSeam):
     def send(self, tick: int, stamp_ns: int, sample: Block) -> None:
         super().send(tick, stamp_ns, sample)
         bus: Bus = {**sensor_arrays(sample), topics.TEMPERATURE: self._held}
-        self._chain.stages[0].read(bus)
+        self._chain.stages[0].read(bus, tick)
         self._chain.run_stages(tick, stamp_ns, bus)
         self._pending = tick, self._chain.torque.allowed
 

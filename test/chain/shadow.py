@@ -69,6 +69,7 @@ class Shadow:
         oracle.sample.array[:] = stage.sample.array
         if oracle.reference is not None and name == "torque":
             oracle.reference.array[:] = stage.reference.array
+            oracle.input_ticks[:] = stage.input_ticks
         if name == "motion":
             oracle.controller_mode = stage.controller_mode
 

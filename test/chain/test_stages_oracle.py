@@ -63,6 +63,9 @@ class Spoiler:
                 values[:] = {"stand": start, "drift": values + 0.002 * count, "rail": np.full(values.size, 620.0)}[kind]
                 self.runs[name, field] = count - 1, kind, start
             self.kept[name, field] = values.copy()
+        if name == "torque" and random.random() < 5.0 * self.share[name]:
+            odd_ticks = [np.nan, -1.0, tick - 1, tick - 9, tick - 10, tick + 1]
+            stage.input_ticks[random.integers(4)] = random.choice(odd_ticks)
 
 
 OFFSETS = {"gauge_offset": 5.0, "kinematic_sine": 1e-5, "kinematic_cosine": 1e-5, "friction_offset_initial": 0.3}
@@ -147,7 +150,7 @@ def quick(tmp_path_factory):
 CALM = {"fusion": 0.0005, "motion": 0.0, "torque": 0.0002}
 WILD = {"fusion": 0.02, "motion": 0.002, "torque": 0.002}
 """Share of samples with an odd number, by stage."""
-OFTEN = {FaultCode.FRAME_LOST, FaultCode.NOT_FINITE, FaultCode.SPIKE, FaultCode.RATE_LIMITED}
+OFTEN = {FaultCode.FRAME_LOST, FaultCode.NOT_FINITE, FaultCode.SPIKE, FaultCode.RATE_LIMITED, FaultCode.NODE_KILLED}
 """What a few lives cannot miss."""
 
 

@@ -339,6 +339,7 @@ class TorqueStage(Stage):
         self.degraded_samples, self.lost, self.railed = 0, 0.0, np.zeros(n)
         self.adaptation, self.allowed = loop_monitors_law.initial(n), np.zeros(n)
         self.failed, self.faults, self.gate_open = False, FaultLog(), False
+        self.input_ticks = np.full(4, -1.0)
         self.reset_asked, self.resets, self.refused = False, 0, []
 
     def start(self):
@@ -418,8 +419,15 @@ class TorqueStage(Stage):
             seen.view(name)[:] = self.sample.view(name)
         if self.reset_asked:
             self._answer_reset()
-        self.allowed, self.found = self.guard.step(command, np.zeros(n), np.full(n, float(tick)), demands)
+        ages = np.full(n, self._input_age(float(tick)))
+        self.allowed, self.found = self.guard.step(command, ages, np.full(n, float(tick)), demands)
         self.faults.note(self.found, tick)
+
+    def _input_age(self, tick):
+        """Samples since the oldest input was there, negative if one is of a later tick; one not seen yet has none."""
+        ages = tick - self.input_ticks[~np.isnan(self.input_ticks)]
+        ahead = ages[ages < 0.0]
+        return ahead[0] if ahead.size else max([0.0, *ages])
 
     def _answer_reset(self):
         """Refused too while a goal runs, or the reference is not where the joint is."""

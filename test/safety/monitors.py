@@ -107,7 +107,7 @@ class Loop:
         params = torque.layout("TorqueParams", N).zeros() if params is None else params
         bounds = np.concatenate([np.full(N, -1e9), np.full(2 * N, 1e9)])
         gate, guard, kinds = limits.gate.array, limits.guard.array, [0] * params.array.size
-        tick = _chain.TorqueTick(N, dt, 0, gate, guard, bounds, 1, 1, kinds, [])
+        tick = _chain.TorqueTick(N, dt, 0, gate, guard, bounds, 1, 1, kinds, [], [])
         tick.offer(params.array)
         tick.start()
         return tick
