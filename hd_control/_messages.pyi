@@ -9,6 +9,7 @@ OTHER_LAYOUT: int
 FOREIGN: int
 STALE: int
 REPEATED: int
+AHEAD: int
 
 class Join:
     def __init__(self, dt_ns: int) -> None: ...
@@ -35,6 +36,8 @@ class Join:
     def incomplete(self) -> int: ...
     @property
     def stale(self) -> int: ...
+    @property
+    def ahead(self) -> int: ...
 
 class Message:
     def __init__(self, template: bytes, stamp_at: int, copies: Sequence[tuple[int, int]]) -> None: ...

@@ -29,6 +29,7 @@ class DriveSide:
     brake_closed: bool
     late: int
     stale: int
+    ahead: int
     healthy: int
     reset_asked: bool
     resets: int

@@ -86,8 +86,13 @@ class DriveSide:
         """Commands that were not newer than the last and were dropped."""
         return int(self.native.stale)
 
+    @property
+    def ahead(self) -> int:
+        """Commands of ticks that were still to come and were dropped."""
+        return int(self.native.ahead)
+
     def offer(self, joints: Sequence[int] | slice, torque: FloatArray, tick: int) -> None:
-        """Takes a command for all joints (a slice) or some; one not newer than the last is dropped and counted."""
+        """Takes a command for all joints (a slice) or some; one that is not newer, or ahead, is dropped."""
         chosen = None if isinstance(joints, slice) else [int(joint) for joint in joints]
         self.native.offer(chosen, np.ascontiguousarray(torque, dtype=float), tick)
 

@@ -92,8 +92,9 @@ class World:
     def report(self) -> tuple[str, dict[str, Any]]:
         """The stop in one line, or an empty text, and values for diagnostics."""
         seam = self.seam
-        values: dict[str, Any] = {"late": seam.late, "stale": seam.stale, "gate_stopped": seam.stopped}
+        values: dict[str, Any] = {"late": seam.late, "stale": seam.stale, "ahead": seam.ahead}
         values |= {
+            "gate_stopped": seam.stopped,
             "armed": seam.armed,
             "healthy_commands": seam.healthy,
             "gate_stop_tick": self.faults.first_stop_tick,

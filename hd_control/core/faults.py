@@ -60,6 +60,7 @@ class FaultCode(enum.IntEnum):
     LET_GO = 41
     STOP_LEFT = 42
     OVERSPEED = 43
+    STAMP_AHEAD = 44
 
     @property
     def number(self) -> str:
@@ -151,6 +152,9 @@ KINDS: dict[FaultCode, FaultKind] = {
         "velocity in a controlled stop", "outside +-", "rad/s", "Look for a load or a sensor that does not fit"
     ),
     FaultCode.OVERSPEED: FaultKind("joint velocity", "outside +-", "rad/s", "Look at the command and at the sensors"),
+    FaultCode.STAMP_AHEAD: FaultKind(
+        "stamp ahead of the present tick by", ">", "samples", "Check the clock of the source and who else publishes"
+    ),
 }
 """The faults that compare a number with a limit."""
 

@@ -32,7 +32,8 @@ enum Code {
     kEnvelope = 40,
     kLetGo = 41,
     kStopLeft = 42,
-    kOverspeed = 43
+    kOverspeed = 43,
+    kStampAhead = 44
 };
 constexpr int kCodes = 48;
 enum Action { kRefuse = 0, kReport = 1, kDegrade = 2, kControlledStop = 3, kTorqueRamp = 4 };

@@ -13,7 +13,8 @@
 
 namespace hd {
 
-constexpr std::size_t kSurplus = 8;  // unused bytes that a serialiser may append
+constexpr std::size_t kSurplus = 8;    // unused bytes that a serialiser may append
+constexpr std::int64_t kLeap = 1000;   // ticks; a message further ahead must be confirmed by the next of its input
 
 // builtin_interfaces/Time at a place of a message.
 inline void put_stamp(std::string& bytes, std::size_t at, std::int64_t stamp_ns) {
@@ -54,22 +55,32 @@ struct Input {
     std::vector<Copy> copies;
     std::string run_id;  // empty: not bound yet
     double* tick_to = nullptr;  // takes the tick of the message, beside its numbers
+    std::int64_t leap = -1;     // tick of the last message that was too far ahead, until another one comes
     bool filled = false, unseen = false;
+
+    // A stamp far ahead is taken when the next message of the same input goes on from there: a source that stood still
+    // for long. One wild stamp alone would leave the others behind for ever.
+    bool leaps(std::int64_t found, std::int64_t tick) {
+        const bool far = tick >= 0 && found - tick > kLeap;
+        const bool confirmed = leap >= 0 && found >= leap && found - leap <= kLeap;
+        leap = far && !confirmed ? found : -1;
+        return far && !confirmed;
+    }
 };
 
-enum Offer { kStored = 0, kComplete = 1, kOtherLayout = 2, kForeign = 3, kStale = 4, kRepeated = 5 };
+enum Offer { kStored = 0, kComplete = 1, kOtherLayout = 2, kForeign = 3, kStale = 4, kRepeated = 5, kAhead = 6 };
 
 struct Join {
     std::vector<Input> inputs;
     std::int64_t dt_ns;
     std::int64_t tick = -1;
-    std::int64_t incomplete = 0, stale = 0;
+    std::int64_t incomplete = 0, stale = 0, ahead = 0;
     bool open = false, joined_once = false;
 
     explicit Join(std::int64_t dt) : dt_ns(dt) {}
 
-    // Takes one message. A newer tick abandons an incomplete older one; a tick that is past or already there is
-    // dropped.
+    // Takes one message. A newer tick abandons an incomplete older one; a tick that is past, already there, or far ahead
+    // is dropped.
     Offer offer(std::size_t index, std::string_view data) {
         Input& input = inputs[index];
         if (!input.layout.matches(data)) return kOtherLayout;
@@ -80,6 +91,10 @@ struct Join {
             return kForeign;
         }
         const std::int64_t found = (input.layout.stamp_ns(data) + dt_ns / 2) / dt_ns;
+        if (input.leaps(found, tick)) {
+            ++ahead;
+            return kAhead;
+        }
         if (input.unseen) input.unseen = input.filled = false;
         if (found > tick) {
             begin(found);

@@ -69,6 +69,7 @@ class JoinBinding {
     std::int64_t tick() const { return join_.tick; }
     std::int64_t incomplete() const { return join_.incomplete; }
     std::int64_t stale() const { return join_.stale; }
+    std::int64_t ahead() const { return join_.ahead; }
 
    private:
     hd::Join join_;
@@ -114,6 +115,7 @@ PYBIND11_MODULE(_messages, m) {
     m.attr("FOREIGN") = static_cast<int>(hd::kForeign);
     m.attr("STALE") = static_cast<int>(hd::kStale);
     m.attr("REPEATED") = static_cast<int>(hd::kRepeated);
+    m.attr("AHEAD") = static_cast<int>(hd::kAhead);
     py::class_<JoinBinding>(m, "Join")
         .def(py::init<std::int64_t>(), py::arg("dt_ns"))
         .def("add", &JoinBinding::add, py::arg("fixed"), py::arg("mask"), py::arg("stamp_at"), py::arg("frame_at"),
@@ -124,7 +126,8 @@ PYBIND11_MODULE(_messages, m) {
         .def("seen", &JoinBinding::seen)
         .def_property_readonly("tick", &JoinBinding::tick)
         .def_property_readonly("incomplete", &JoinBinding::incomplete)
-        .def_property_readonly("stale", &JoinBinding::stale);
+        .def_property_readonly("stale", &JoinBinding::stale)
+        .def_property_readonly("ahead", &JoinBinding::ahead);
     py::class_<MessageBinding>(m, "Message")
         .def(py::init<const std::string&, std::size_t, const std::vector<std::pair<std::size_t, std::size_t>>&>(),
              py::arg("template"), py::arg("stamp_at"), py::arg("copies"))

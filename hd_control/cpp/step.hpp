@@ -19,7 +19,7 @@ constexpr const char* kStepCapsule = "hd.step";
 // Where a loop leaves the commands that arrive, newest first served; given as a capsule named "hd.commands".
 struct Commands {
     void* context = nullptr;
-    // Torque [N m] of one tick for `count` joints; false if it is not newer than what is there.
+    // Torque [N m] of one tick for `count` joints; false if it is not newer than what is there, or ahead of time.
     bool (*offer)(void* context, const int* joints, int count, const double* torque, std::int64_t tick) = nullptr;
     std::int64_t (*tick_of)(void* context, int joint) = nullptr;  // of the command held; -1: never one
     bool (*stands)(void* context) = nullptr;                      // may another publisher take over now?

@@ -62,8 +62,14 @@ class DriveSide {
     DriveSide(const DriveSide&) = delete;
     DriveSide& operator=(const DriveSide&) = delete;
 
-    // Takes commands for some joints (all: `count` = n, `joints` null); one not newer than the last is dropped.
+    // Takes commands for some joints (all: `count` = n, `joints` null); one not newer than the last is dropped, and so is
+    // one of a tick whose sensors were not read yet: it would keep the watchdog quiet until then.
     bool offer(const int* joints, int count, const double* torque, std::int64_t tick) {
+        if (tick > now_) {
+            ++ahead;
+            lead_ = std::max(lead_, tick - now_);
+            return false;
+        }
         std::int64_t last = kNever;
         if (joints == nullptr)
             last = newest;
@@ -87,6 +93,7 @@ class DriveSide {
     // Gives the drives their torque for [tick, tick + 1); findings of the guard are `rows`.
     void latch(std::int64_t tick) {
         rows.count = 0;
+        begin(tick);
         if (!open) arm(tick);
         const double* ages = no_age_.data();
         if (oldest < tick - 1) {
@@ -163,7 +170,7 @@ class DriveSide {
     std::vector<std::int64_t> command_tick;
     std::int64_t oldest = kNever, newest = kNever;
     bool open = false, brake_closed = true;
-    long late = 0, stale = 0;
+    long late = 0, stale = 0, ahead = 0;
     int healthy = 0;
     std::atomic<bool> reset_asked{false};
     std::atomic<int> resets{0};
@@ -172,6 +179,17 @@ class DriveSide {
 
   private:
     static std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+    // Time goes on to `tick`; if it went back, what was commanded belongs to another time.
+    void begin(std::int64_t tick) {
+        if (lead_ > 0) rows.add(hd::kStampAhead, -1, static_cast<double>(lead_), 0.0, hd::kReport);
+        lead_ = 0;
+        if (tick < now_) {
+            std::fill(command_tick.begin(), command_tick.end(), kNever);
+            oldest = newest = kNever;
+        }
+        now_ = tick;
+    }
 
     // Opens after `kArmingSamples` ticks in a row with a command that was at most one sample late.
     void arm(std::int64_t tick) {
@@ -214,6 +232,7 @@ class DriveSide {
     std::vector<double> zero_run_, ages_, no_age_, ticks_, state_;
     std::size_t position_at_, velocity_at_;
     bool sensed_ = false;
+    std::int64_t now_ = kNever, lead_ = 0;  // tick of the last latch; how far ahead of it commands were since then
 };
 
 }  // namespace hd_sim

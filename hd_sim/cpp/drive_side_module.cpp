@@ -114,6 +114,7 @@ PYBIND11_MODULE(_drive_side, m) {
         .def_readonly("brake_closed", &DriveSide::brake_closed)
         .def_readonly("late", &DriveSide::late)
         .def_readonly("stale", &DriveSide::stale)
+        .def_readonly("ahead", &DriveSide::ahead)
         .def_readwrite("healthy", &DriveSide::healthy)
         .def_property("reset_asked", [](const DriveSide& s) { return s.reset_asked.load(); },
                       [](DriveSide& s, bool asked) { s.reset_asked.store(asked); })

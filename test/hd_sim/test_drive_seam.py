@@ -76,6 +76,7 @@ def test_a_stop_stays_when_the_commands_come_back_and_ends_only_by_reset(seam):
 
 
 def test_joints_may_come_from_several_controllers_and_old_commands_are_dropped(seam):
+    seam.latch(5)
     for joint in range(6):
         seam.offer([joint], np.array([1.0 + joint]), 5)
     assert not seam.complete(5)
@@ -87,6 +88,35 @@ def test_joints_may_come_from_several_controllers_and_old_commands_are_dropped(s
     seam.offer(slice(None), np.full(7, 99.0), 5)
     assert seam.stale == 3
     np.testing.assert_array_equal(seam.command, np.arange(1.0, 8.0))
+
+
+@pytest.mark.parametrize("lead", [1, 2, 1_000_000])
+def test_f44_a_command_stamped_in_the_future_does_not_keep_the_watchdog_quiet(seam, lead):
+    _run(seam, 0, 200, _gravity(seam))
+    seam.offer(slice(None), _gravity(seam), 199 + lead)
+    limit, faults = int(seam.limits.gate.age_limit), []
+    for tick in range(200, 201 + limit):
+        faults += seam.latch(tick)[1]
+    assert seam.ahead == 1 and seam.stopped and seam.brake_closed
+    assert [(fault.code, fault.value, fault.action) for fault in faults][0] == (FaultCode.STAMP_AHEAD, lead, 1)
+    assert [fault.code for fault in faults].count(FaultCode.STAMP_AHEAD) == 1
+
+
+def test_f44_no_command_is_taken_before_the_first_tick_nor_for_the_next_one(seam):
+    seam.offer(slice(None), _gravity(seam), 0)
+    seam.latch(0)
+    seam.offer([3], np.array([1.0]), 1)
+    assert seam.ahead == 2 and not seam.complete(0) and np.all(seam.command == 0.0)
+    seam.offer(slice(None), _gravity(seam), 0)
+    assert seam.complete(0) and not seam.complete(1)
+
+
+def test_commands_of_another_time_are_forgotten_when_time_goes_back(seam):
+    _run(seam, 10_000, 10_200, _gravity(seam))
+    seam.latch(50)
+    assert not seam.complete(0)
+    _run(seam, 51, 60, _gravity(seam))
+    assert seam.stale == 0 and seam.complete(59)
 
 
 def test_f41_a_moving_joint_that_gets_exactly_no_torque_three_times_gets_the_brakes(seam):
@@ -117,6 +147,7 @@ def test_a_command_that_is_not_finite_never_reaches_the_drives(seam):
     _run(seam, 0, 200, _gravity(seam))
     bad = _gravity(seam)
     bad[3] = np.nan
+    seam.latch(200)
     seam.offer(slice(None), bad, 200)
     given = _run(seam, 201, 240, _gravity(seam))
     assert seam.stopped and np.all(np.isfinite(given))

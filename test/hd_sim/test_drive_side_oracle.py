@@ -13,7 +13,8 @@ from hd_sim.plant_config import PlantConfig
 
 TICKS = 900
 ODD = (np.nan, np.inf, -np.inf, 1e308, 0.0, -0.0, 2000.0)
-OFTEN = {FaultCode.LET_GO, FaultCode.NODE_KILLED, FaultCode.NOT_FINITE, FaultCode.RATE_LIMITED, FaultCode.STAMP_STUCK}
+OFTEN = {FaultCode.LET_GO, FaultCode.NODE_KILLED, FaultCode.NOT_FINITE, FaultCode.RATE_LIMITED, FaultCode.STAMP_STUCK,
+         FaultCode.STAMP_AHEAD}  # fmt: skip
 """What a few lives cannot miss."""
 
 
@@ -52,8 +53,9 @@ class Pair:
               stop=(guard.stop.array, wanted.stop.array), measured=(guard.measured.array, wanted.measured.array),
               mean_torque=(guard.state.mean_torque, wanted.mean_torque), mode=(int(guard.mode), wanted.mode),
               faults=(side.native.rows, rows(oracle.found)),
-              state=([side.armed, side.brake_closed, side.healthy, side.late, side.stale, side.stopped],
-                     [oracle.open, oracle.brake_closed, oracle.healthy, oracle.late, oracle.stale, wanted.stopped]),
+              state=([side.armed, side.brake_closed, side.healthy, side.late, side.stale, side.ahead, side.stopped],
+                     [oracle.open, oracle.brake_closed, oracle.healthy, oracle.late, oracle.stale, oracle.ahead,
+                      wanted.stopped]),
               complete=([side.complete(tick), side.complete(tick - 1)],
                         [oracle.complete(tick), oracle.complete(tick - 1)]))  # fmt: skip
         book = side.native.faults
@@ -96,7 +98,7 @@ class Controller:
                 self.pair.push(np.zeros(n))
         if random.random() < 0.01 * self.careless:
             torque[random.integers(n)] = random.choice(ODD)
-        stamp = tick - int(random.choice([0, 0, 0, 1, 3])) * (random.random() < 0.1 * self.careless)
+        stamp = tick - int(random.choice([0, 0, 0, 1, 3, -1, -5, -(10**6)])) * (random.random() < 0.1 * self.careless)
         if n > 1 and random.random() < 0.2:
             order = random.permutation(n)
             for part in np.split(order, [int(random.integers(1, n))]):
@@ -115,7 +117,7 @@ def live(config, limits, seed):
         controller.careless = careless if k > ARMING_SAMPLES + 20 or seed % 4 == 3 else 0.0
         pair.tick(tick)
         controller.send(tick)
-        tick += 1 if random.random() > 0.002 else int(random.choice([0, 2, 12]))
+        tick += 1 if random.random() > 0.002 else int(random.choice([0, 2, 12, -40]))
         if random.random() < 0.003:
             pair.push(random.normal(0.0, 300.0, pair.n) * (random.random() < 0.5))
         if pair.oracle.guard.stopped and random.random() < 0.05:

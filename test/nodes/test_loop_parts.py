@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hd_control import _messages
-from hd_control._messages import COMPLETE, FOREIGN, OTHER_LAYOUT, REPEATED, STALE, STORED
+from hd_control._messages import AHEAD, COMPLETE, FOREIGN, OTHER_LAYOUT, REPEATED, STALE, STORED
 from hd_control.chain.black_box import FaultBook
 from hd_control.chain.chain import for_joints
 from hd_control.core.errors import ConfigError
@@ -68,6 +68,33 @@ def test_f02_a_stamp_that_stands_still_never_acts_again() -> None:
     inputs = Inputs(1)
     assert inputs.offer(0, 7) == COMPLETE
     assert inputs.offer(0, 7) == REPEATED
+
+
+LEAP = 1000
+
+
+def test_f44_one_message_from_the_future_does_not_leave_the_others_behind() -> None:
+    inputs = Inputs(2)
+    inputs.offer(0, 7), inputs.offer(1, 7)
+    assert inputs.offer(0, 8 + LEAP) == AHEAD and inputs.join.ahead == 1 and inputs.join.tick == 7
+    assert inputs.numbers[0, 0] == 7, "it writes nothing"
+    assert inputs.offer(0, 8) == STORED and inputs.offer(1, 8) == COMPLETE
+    assert inputs.offer(0, 10**9) == AHEAD and inputs.offer(0, 9) == STORED
+    assert inputs.offer(1, 10**9) == AHEAD and inputs.offer(1, 9) == COMPLETE
+
+
+def test_a_source_that_stood_still_for_long_goes_on_with_its_second_message() -> None:
+    inputs = Inputs(2)
+    inputs.offer(0, 7), inputs.offer(1, 7)
+    assert inputs.offer(0, 90_000) == AHEAD and inputs.offer(1, 90_000) == AHEAD
+    assert inputs.offer(0, 90_001) == STORED and inputs.offer(1, 90_001) == COMPLETE and inputs.join.tick == 90_001
+    assert inputs.offer(0, 90_001 + LEAP) == STORED, "up to a second is an ordinary gap"
+    assert inputs.offer(0, 90_001 + 2 * LEAP + 1) == AHEAD and inputs.offer(0, 90_000) == STALE
+    assert inputs.offer(0, 90_001 + 2 * LEAP + 2) == AHEAD, "the message between them was of the right time"
+
+
+def test_any_first_tick_is_taken() -> None:
+    assert Inputs(1).offer(0, 2**40) == COMPLETE
 
 
 def test_an_optional_input_counts_from_its_first_sight() -> None:

@@ -31,14 +31,18 @@ class DriveSide:
         self.positions, self.velocities, self.sensed = np.zeros(2 * n), np.zeros(2 * n), False
         self.command, self.command_tick, self.newest = np.zeros(n), np.full(n, NEVER), NEVER
         self.zero_run, self.brake_closed, self.open = np.zeros(n), True, False
-        self.healthy = self.late = self.stale = 0
+        self.healthy = self.late = self.stale = self.ahead = 0
+        self.now, self.lead = NEVER, 0
         self.applied, self.found, self.faults = np.zeros(n), [], FaultLog()
         state = plant.state  # the brakes closed long ago: the arm rests on them until it is carried
         state.brake_request, state.brake_age = 1.0, plant.config.drives["brake_closing_time"]
         plant.restore(state)
 
     def offer(self, joints, torque, tick):
-        """A command for some joints, or for all (None); one not newer than the last is dropped and counted."""
+        """A command for some joints, or for all (None); one that is not newer, or ahead, is dropped."""
+        if tick > self.now:
+            self.ahead, self.lead = self.ahead + 1, max(self.lead, tick - self.now)
+            return
         chosen = np.arange(self.command.size) if joints is None else np.array(joints)
         last = self.newest if joints is None else self.command_tick[chosen].max()
         if last >= tick:
@@ -53,7 +57,12 @@ class DriveSide:
 
     def latch(self, tick):
         """Gives the drives their torque for [tick, tick + 1)."""
-        oldest, demands = self.command_tick.min(), []
+        demands = []
+        if self.lead:
+            demands.append(Fault(FaultCode.STAMP_AHEAD, -1, float(self.lead), 0.0, Action.REPORT))
+        if tick < self.now:  # time went back: what was commanded belongs to another time
+            self.command_tick[:], self.newest = NEVER, NEVER
+        self.now, self.lead, oldest = tick, 0, self.command_tick.min()
         if not self.open:
             self.healthy = self.healthy + 1 if oldest > NEVER and oldest >= tick - 2 else 0
             if self.healthy >= ARMING_SAMPLES:
@@ -64,7 +73,7 @@ class DriveSide:
             ages = (tick - 1.0) - self.command_tick
             self.late += int(self.open)
         if self.open:
-            demands = self._let_go()
+            demands += self._let_go()
         self.applied, self.found = self.guard.step(self.command, ages, np.full(self.command.size, float(tick)), demands)
         carried = self.open and np.array_equal(self.applied, self.command)
         wanted = self.guard.stopped or (self.brake_closed and not carried)
