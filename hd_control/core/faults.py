@@ -61,6 +61,7 @@ class FaultCode(enum.IntEnum):
     STOP_LEFT = 42
     OVERSPEED = 43
     STAMP_AHEAD = 44
+    TEMPERATURE_BAD = 45
 
     @property
     def number(self) -> str:
@@ -154,6 +155,9 @@ KINDS: dict[FaultCode, FaultKind] = {
     FaultCode.OVERSPEED: FaultKind("joint velocity", "outside +-", "rad/s", "Look at the command and at the sensors"),
     FaultCode.STAMP_AHEAD: FaultKind(
         "stamp ahead of the present tick by", ">", "samples", "Check the clock of the source and who else publishes"
+    ),
+    FaultCode.TEMPERATURE_BAD: FaultKind(
+        "motor temperature", "too far from", "degC", "Check the temperature sensor and who else publishes its topic"
     ),
 }
 """The faults that compare a number with a limit."""

@@ -62,6 +62,7 @@ class FusionTick {
         rows.count = 0;
         FusionSample in(sample.data(), n);
         watch.before(in, rows);
+        watch.temperatures(in, dt, rows);
         if (params.changes() && params.take(has_state ? state.data() : nullptr))
             watch.adopt(FusionParams(params.goal().data(), n));
         if (!has_state) std::fill(state.begin(), state.end(), 0.0);

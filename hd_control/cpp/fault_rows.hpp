@@ -33,7 +33,8 @@ enum Code {
     kLetGo = 41,
     kStopLeft = 42,
     kOverspeed = 43,
-    kStampAhead = 44
+    kStampAhead = 44,
+    kTemperatureBad = 45
 };
 constexpr int kCodes = 48;
 enum Action { kRefuse = 0, kReport = 1, kDegrade = 2, kControlledStop = 3, kTorqueRamp = 4 };

@@ -52,6 +52,9 @@ namespace hd {
     FIELD(rail_degrade_samples, 0, "samples", "gauge readings at the rail that freeze the adaptation", whole(1, 1e6)) \
     FIELD(rail_samples, 0, "samples", "gauge readings at the rail that stop the robot", whole(1, 1e6))                \
     FIELD(adaptation_time, 0, "s", "time at a bound before a growing error counts", between(0.01, 1e3))               \
+    FIELD(motor_temperature_low, 0, "degC", "a lower motor temperature is no reading", between(-273.15, 100.0))       \
+    FIELD(motor_temperature_high, 0, "degC", "a higher motor temperature is no reading", between(0.0, 1000.0))        \
+    FIELD(motor_temperature_rate, 0, "K/s", "fastest change of a motor temperature", above(0.0))                      \
     FIELD(stop_deceleration, 1, "rad/s^2", "of a controlled stop", above(0.0))                                        \
     FIELD(stop_damping, 1, "N m s/rad", "of a controlled stop, on the motor side", above(0.0))                        \
     FIELD(stop_stiffness, 1, "N m/rad", "of the hold after a controlled stop, on the motor side", above(0.0))         \

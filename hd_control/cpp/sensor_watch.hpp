@@ -24,6 +24,7 @@ constexpr double kLargestStep = 0.3;   // rad of the shaft between two looks: 4 
 constexpr double kStopShare = 2.0;     // residuals above their limit are reported, above this many times they stop
 constexpr double kMovedCounts = 5.0;   // twist limits; less motion does not show that a gauge ought to have changed
 constexpr int kRedundancyTicks = 4;    // the sensors are compared every so many ticks
+constexpr double kWarmReserve = 1.0;   // s; a temperature may be ahead of its rate by what it could change in this time
 
 class SensorWatch {
   public:
@@ -68,6 +69,8 @@ class SensorWatch {
           new_sums_(size(4)),
           step_(size(1)),
           stops_(static_cast<std::size_t>(joints)),
+          warm_(size(1), NAN),
+          warm_reserve_(size(1)),
           mean(size(1), NAN),
           ripple(size(1), NAN),
           missed_motion(size(1)) {
@@ -94,6 +97,7 @@ class SensorWatch {
         screened_ = watched_ = summed_ = false;
         for (auto* each : {&mean, &ripple}) std::fill(each->begin(), each->end(), NAN);
         std::fill(run_.begin(), run_.end(), 0.0);
+        std::fill(warm_.begin(), warm_.end(), NAN);
     }
 
     // Screens the readings of a sample in place.
@@ -113,6 +117,32 @@ class SensorWatch {
         }
         for (int s = 0; s < 3; ++s)
             for (int j = 0; j < n; ++j) screen(s, j, rows[s][j], faults);
+    }
+
+    // F45: screens the motor temperatures in place. One that is no number or out of range is not used; one that changes
+    // faster than a motor can is followed at the fastest rate. So a wrong one moves the gauge's correction slowly.
+    void temperatures(FusionSample& sample, double dt, FaultRows& faults) {
+        const double most = limits_.motor_temperature_rate[0] * kWarmReserve;
+        for (int j = 0; j < n; ++j) {
+            double &value = sample.motor_temperature[j], &last = warm_[at(0, j)], &reserve = warm_reserve_[at(0, j)];
+            reserve = std::min(most, reserve + limits_.motor_temperature_rate[0] * dt);
+            if (value == last || (std::isnan(value) && std::isnan(last))) continue;
+            const double low = limits_.motor_temperature_low[0], high = limits_.motor_temperature_high[0];
+            if (!(low <= value && value <= high)) {
+                faults.add(kTemperatureBad, j, value, value < low ? low : high, kReport);
+                value = last;
+                continue;
+            }
+            const double change = std::isnan(last) ? 0.0 : value - last;
+            if (std::fabs(change) <= reserve) {
+                reserve = std::isnan(last) ? most : reserve - std::fabs(change);
+            } else {
+                faults.add(kTemperatureBad, j, value, last, kReport);
+                value = last + std::copysign(reserve, change);
+                reserve = 0.0;
+            }
+            last = value;
+        }
     }
 
     // Compares the sensors with each other; withholds the joint torque where they disagree.
@@ -342,6 +372,7 @@ class SensorWatch {
     std::vector<double> positions_, twist_, residual_, angle_, terms_, travel_, sums_, new_terms_, new_travel_,
         new_sums_, step_;
     std::vector<char> stops_;
+    std::vector<double> warm_, warm_reserve_;  // degC in use, K by which it may change now
     bool whole_[MAX_JOINTS] = {};
 
   public:

@@ -63,6 +63,10 @@ class Spoiler:
                 values[:] = {"stand": start, "drift": values + 0.002 * count, "rail": np.full(values.size, 620.0)}[kind]
                 self.runs[name, field] = count - 1, kind, start
             self.kept[name, field] = values.copy()
+        if name == "fusion" and random.random() < self.share[name]:
+            warm = stage.sample.motor_temperature
+            j, choices = random.integers(warm.size), [np.nan, 1e4, -300.0, 150.0, warm[0] + 0.5, warm[0] - 3.0, np.inf]
+            warm[j] = choices[random.integers(len(choices))]
         if name == "torque" and random.random() < 5.0 * self.share[name]:
             odd_ticks = [np.nan, -1.0, tick - 1, tick - 9, tick - 10, tick + 1]
             stage.input_ticks[random.integers(4)] = random.choice(odd_ticks)
@@ -150,7 +154,8 @@ def quick(tmp_path_factory):
 CALM = {"fusion": 0.0005, "motion": 0.0, "torque": 0.0002}
 WILD = {"fusion": 0.02, "motion": 0.002, "torque": 0.002}
 """Share of samples with an odd number, by stage."""
-OFTEN = {FaultCode.FRAME_LOST, FaultCode.NOT_FINITE, FaultCode.SPIKE, FaultCode.RATE_LIMITED, FaultCode.NODE_KILLED}
+OFTEN = {FaultCode.FRAME_LOST, FaultCode.NOT_FINITE, FaultCode.SPIKE, FaultCode.RATE_LIMITED, FaultCode.NODE_KILLED,
+         FaultCode.TEMPERATURE_BAD}  # fmt: skip
 """What a few lives cannot miss."""
 
 

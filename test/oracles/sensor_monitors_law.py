@@ -24,6 +24,41 @@ MOVED_COUNTS = 5.0
 """Twist limits; less motion than that does not show that a gauge ought to have changed."""
 
 
+# ---- F45: motor temperatures ---------------------------------------------------------------------------------------
+
+
+class Temperatures:
+    """Memory of one joint's temperature: the one in use, NaN while none was usable, and K by which it may change now.
+
+    The reserve grows at the fastest rate up to what a motor can change in `WARM_RESERVE`.
+    """
+
+    WARM_RESERVE = 1.0
+    """s"""
+
+    def __init__(self):
+        self.used, self.reserve = math.nan, 0.0
+
+    def step(self, given, limits, dt):
+        """The temperature to use, and (value, limit) of a finding or None. `limits`: GuardLimits."""
+        rate = float(limits.motor_temperature_rate)
+        low, high = float(limits.motor_temperature_low), float(limits.motor_temperature_high)
+        self.reserve = min(rate * self.WARM_RESERVE, self.reserve + rate * dt)
+        if given == self.used or (math.isnan(given) and math.isnan(self.used)):
+            return self.used, None
+        if not low <= given <= high:
+            return self.used, (given, low if given < low else high)
+        if math.isnan(self.used):
+            self.used, self.reserve = given, rate * self.WARM_RESERVE
+            return given, None
+        before, change = self.used, given - self.used
+        if abs(change) <= self.reserve:
+            self.used, self.reserve = given, self.reserve - abs(change)
+            return given, None
+        self.used, self.reserve = before + math.copysign(self.reserve, change), 0.0
+        return self.used, (given, before)
+
+
 # ---- F04 and F05: readings that jump or are no numbers -----------------------------------------------------------
 
 

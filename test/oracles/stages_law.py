@@ -159,6 +159,7 @@ class FusionStage(Stage):
     def _forget(self):
         n = self.sample.joints
         self.screen = self.frozen = self.redundancy = self.stuck = None
+        self.warm = [sensor_monitors_law.Temperatures() for _ in range(n)]
         self.apart, self.railed = np.zeros(n), np.zeros(n)
 
     def start(self):
@@ -168,7 +169,7 @@ class FusionStage(Stage):
     def act(self, tick):
         """One tick."""
         self.raw.array[:] = self.sample.array
-        self.found = self._before()
+        self.found = [*self._before(), *self._temperatures()]
         self.advance()
         self.found += self._after(tick)
         self.tick = tick
@@ -192,6 +193,15 @@ class FusionStage(Stage):
             changed = ~(used[row] == reading[row])
             self.sample.view(name)[changed] = (used[row] * scale[row])[changed]
         return faults
+
+    def _temperatures(self):
+        """Screens the motor temperatures in place."""
+        found, temperature = [], self.sample.motor_temperature
+        for j, memory in enumerate(self.warm):
+            temperature[j], finding = memory.step(float(temperature[j]), self.limits, self.dt)
+            if finding is not None:
+                found.append(Fault(FaultCode.TEMPERATURE_BAD, j, *finding, Action.REPORT))
+        return found
 
     def _after(self, tick):
         """Compares the sensors with each other; withholds the joint torque where they disagree."""

@@ -27,6 +27,7 @@ def wide(**narrow) -> SafetyLimits:
     """Limits that nothing meets, but for those that are given."""
     guard = guard_layout(N).zeros()
     guard.array[:] = 1e9
+    guard.motor_temperature_low = -1e9
     gate = limits_layout(N).pack({"age_limit": 10.0, "rate_excess_limit": 20.0, "reset_samples": 5.0,
                                   "standstill_velocity": 0.01, "torque_limit": 1e9, "torque_step": 1e9})  # fmt: skip
     for name, value in narrow.items():
