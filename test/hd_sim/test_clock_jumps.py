@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from clock_jumps import FakeClock, hash_of_run, put_in_place, random_jumps, wall_ticks
 
-from hd_control import _chain, _laws, _pump
+from hd_control import _chain, _laws, _plane
 from hd_sim import _drive_side, _plant
 
 SEED = int(os.environ.get("HD_SEED", "1"))
@@ -57,4 +57,4 @@ def test_f15_g13_the_compiled_tick_knows_no_clock(module):
 
 
 def test_a_compiled_module_with_a_clock_is_noticed():
-    assert "clock_gettime" in clocks_of(_pump)
+    assert "clock_gettime" in clocks_of(_plane)

@@ -1,0 +1,564 @@
+// hd_control._plane: loops that take, join, step and publish without the interpreter. See plane.hpp and timed.hpp.
+
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "capsules.hpp"
+#include "plane.hpp"
+#include "timed.hpp"
+
+namespace py = pybind11;
+
+namespace {
+
+using Runs = std::vector<std::pair<std::size_t, py::array>>;
+
+[[noreturn]] void refuse(const char* why) { throw std::invalid_argument(why); }
+
+// The numbers of an array, where they are: never those of a copy that a conversion made.
+template <typename T>
+T* memory(const py::array& array, bool written = true) {
+    if (!array.dtype().is(py::dtype::of<T>())) refuse("an array of another type");
+    if ((array.flags() & py::array::c_style) == 0) refuse("the numbers of an array do not lie in a row");
+    if (written && !array.writeable()) refuse("an array that may not be written");
+    return static_cast<T*>(const_cast<void*>(array.data()));
+}
+
+std::size_t size_of(const py::array& array) { return static_cast<std::size_t>(array.size()); }
+
+std::string_view view(const py::bytes& data) {
+    char* start = nullptr;
+    Py_ssize_t size = 0;
+    if (PyBytes_AsStringAndSize(data.ptr(), &start, &size) != 0) throw py::error_already_set();
+    return {start, static_cast<std::size_t>(size)};
+}
+
+hd::Layout make_layout(const std::string& fixed, const std::string& mask, std::size_t stamp_at, std::size_t frame_at,
+                       std::size_t frame_length) {
+    const std::size_t size = fixed.size();
+    if (mask.size() != size || stamp_at + 8 > size || frame_at + frame_length > size) {
+        refuse("the layout lies outside its message");
+    }
+    return {fixed, mask, stamp_at, frame_at, frame_length};
+}
+
+hd::Outgoing make_outgoing(const std::string& bytes, std::size_t stamp_at, const Runs& runs) {
+    hd::Outgoing message{bytes, stamp_at, {}};
+    if (stamp_at != hd::Outgoing::kNoStamp && stamp_at + 8 > bytes.size()) refuse("the stamp lies outside the message");
+    for (const auto& [to, array] : runs) {
+        if (to + sizeof(double) * size_of(array) > bytes.size()) refuse("numbers lie outside the message");
+        message.runs.push_back({to, memory<double>(array, false), size_of(array)});
+    }
+    return message;
+}
+
+// What an input of a join looks like, with where its numbers go; shared by loops and by `Join` alone.
+struct InputFace {
+    hd::Layout layout;
+    std::vector<hd::Copy> copies;
+    std::vector<py::object> kept;
+    bool optional = false;
+
+    InputFace(const std::string& fixed, const std::string& mask, std::size_t stamp_at, std::size_t frame_at,
+              std::size_t frame_length, const std::vector<std::size_t>& offsets, const std::vector<py::array>& targets,
+              const std::vector<std::size_t>& places, bool optional)
+        : layout(make_layout(fixed, mask, stamp_at, frame_at, frame_length)), optional(optional) {
+        if (offsets.size() != targets.size() || offsets.size() != places.size()) {
+            refuse("offsets, targets and places differ in length");
+        }
+        for (std::size_t i = 0; i < offsets.size(); ++i) {
+            if (offsets[i] + sizeof(double) > fixed.size() || places[i] >= size_of(targets[i])) {
+                refuse("a copy lies outside its message or its block");
+            }
+            copies.push_back({offsets[i], memory<double>(targets[i]) + places[i]});
+            kept.push_back(targets[i]);
+        }
+    }
+    hd::Input input() const {
+        hd::Input made;
+        made.layout = layout;
+        made.copies = copies;
+        made.unseen = optional;
+        return made;
+    }
+};
+
+class JoinFace {
+  public:
+    explicit JoinFace(std::int64_t dt_ns) : join_(dt_ns) {
+        if (dt_ns <= 0) refuse("the period must be positive");
+    }
+    void add(const InputFace& face) {
+        join_.inputs.push_back(face.input());
+        kept_.insert(kept_.end(), face.kept.begin(), face.kept.end());
+    }
+    int offer(std::size_t index, const py::bytes& data) {
+        if (index >= join_.inputs.size()) throw std::out_of_range("no such input");
+        return join_.offer(index, view(data));
+    }
+    bool seen(std::size_t index) const { return !join_.inputs.at(index).unseen; }
+    const hd::Join& join() const { return join_; }
+
+  private:
+    hd::Join join_;
+    std::vector<py::object> kept_;
+};
+
+class MessageFace {
+  public:
+    MessageFace(const std::string& bytes, std::size_t stamp_at, const Runs& runs)
+        : message_(make_outgoing(bytes, stamp_at, runs)) {
+        for (const auto& run : runs) kept_.push_back(run.second);
+    }
+    py::bytes fill(std::int64_t stamp_ns) { return py::bytes(message_.fill(stamp_ns)); }
+
+  private:
+    hd::Outgoing message_;
+    std::vector<py::object> kept_;
+};
+
+class TranslatorFace {
+  public:
+    TranslatorFace(const InputFace& input, std::vector<std::string> joints, std::string expected,
+                   const std::vector<std::pair<std::size_t, std::size_t>>& fields)
+        : translator_(std::move(joints), std::move(expected), input.layout, places(fields)) {}
+    py::bytes translate(const py::bytes& data) { return py::bytes(std::string(translator_.translate(view(data)))); }
+    const hd::Translator& get() const { return translator_; }
+
+  private:
+    static std::vector<hd::Translator::Field> places(const std::vector<std::pair<std::size_t, std::size_t>>& fields) {
+        std::vector<hd::Translator::Field> made;
+        for (const auto& [which, at] : fields) made.push_back({which, at});
+        return made;
+    }
+    hd::Translator translator_;
+};
+
+// A step in Python: takes the interpreter lock, so the loop is not real time. What it raises ends the loop.
+struct PythonStep {
+    py::object function;
+    hd::Failure* failure;
+
+    static void run(void* context, std::int64_t tick) {
+        auto* step = static_cast<PythonStep*>(context);
+        const py::gil_scoped_acquire lock;
+        try {
+            step->function(tick);
+        } catch (...) {
+            step->failure->what = std::current_exception();
+            step->failure->raised.store(true);
+        }
+    }
+};
+
+// What keeps alive what a loop points to, until `close`.
+class Keeper {
+  public:
+    // The rcl entity behind an entity of rclpy; rclpy does not destroy it before `release`.
+    const void* entity(const py::object& handle) {
+        handle.attr("__enter__")();
+        handles_.push_back(handle);
+        return reinterpret_cast<const void*>(handle.attr("pointer").cast<std::uintptr_t>());
+    }
+    double* numbers(const py::array& array, bool written) {
+        objects.push_back(array);
+        return memory<double>(array, written);
+    }
+    template <typename T>
+    T from_capsule(const py::object& given, const char* name) {
+        objects.push_back(given);
+        return hd::in_capsule<T>(given, name);
+    }
+    hd::Step step(const py::object& given, hd::Failure& failure) {
+        if (PyCapsule_IsValid(given.ptr(), hd::kStepCapsule) != 0) {
+            return from_capsule<hd::Step>(given, hd::kStepCapsule);
+        }
+        if (PyCallable_Check(given.ptr()) == 0) refuse("a step is a function or a capsule");
+        python_steps_.push_back(std::make_unique<PythonStep>(PythonStep{given, &failure}));
+        return {python_steps_.back().get(), &PythonStep::run};
+    }
+    bool has_python_steps() const { return !python_steps_.empty(); }
+
+    void release() {
+        for (const py::object& handle : handles_) handle.attr("__exit__")(py::none(), py::none(), py::none());
+        handles_.clear(), objects.clear(), python_steps_.clear();
+    }
+
+    std::vector<py::object> objects;
+
+  private:
+    std::vector<py::object> handles_;
+    std::vector<std::unique_ptr<PythonStep>> python_steps_;
+};
+
+class ProgramFace {
+  public:
+    ProgramFace(hd::Program& program, Keeper& keeper, hd::Failure& failure)
+        : program_(program), keeper_(keeper), failure_(failure) {}
+    ProgramFace(const ProgramFace&) = delete;
+    ProgramFace& operator=(const ProgramFace&) = delete;
+    void copy(const py::array& from, const py::array& to) {
+        if (from.size() != to.size()) refuse("source and target of a copy differ in length");
+        program_.parts.emplace_back(
+            hd::CopyNumbers{keeper_.numbers(from, false), keeper_.numbers(to, true), size_of(from)});
+    }
+    void step(const py::object& given) { program_.parts.emplace_back(keeper_.step(given, failure_)); }
+    void send(hd::Outbox& outbox) { program_.parts.emplace_back(&outbox); }
+    void announce(hd::Outbox& outbox, const py::object& reading, std::vector<std::string> messages) {
+        announcements_.push_back(std::make_unique<hd::Announcement>(hd::Announcement{
+            &outbox, keeper_.from_capsule<hd::Reading>(reading, hd::kReadingCapsule), std::move(messages)}));
+        program_.parts.emplace_back(announcements_.back().get());
+    }
+    hd::Program& get() { return program_; }
+    void clear() { program_.parts.clear(), announcements_.clear(); }
+
+  private:
+    hd::Program& program_;
+    Keeper& keeper_;
+    hd::Failure& failure_;
+    std::vector<std::unique_ptr<hd::Announcement>> announcements_;
+};
+
+class LoopFace {
+  public:
+    explicit LoopFace(hd::Loop& loop) : loop_(loop) {}
+    LoopFace(const LoopFace&) = delete;
+    LoopFace& operator=(const LoopFace&) = delete;
+    virtual ~LoopFace() = default;
+
+    void run() {
+        const py::gil_scoped_release released;
+        loop_.run();
+    }
+    void close() {
+        {
+            const py::gil_scoped_release released;
+            loop_.close();
+        }
+        for (ProgramFace* program : programs()) program->clear();
+        keeper_.release();
+    }
+    hd::Outbox& outbox(const py::object& handle, const std::string& bytes, std::size_t stamp_at, const Runs& runs) {
+        for (const auto& run : runs) keeper_.objects.push_back(run.second);
+        outboxes_.push_back(std::make_unique<hd::Outbox>(keeper_.entity(handle), make_outgoing(bytes, stamp_at, runs)));
+        return *outboxes_.back();
+    }
+    // Runs `change` between two ticks, without the interpreter lock.
+    template <typename Change>
+    void quietly(Change&& change) {
+        const py::gil_scoped_release released;
+        change();
+    }
+    bool real_time() const { return !keeper_.has_python_steps(); }
+    hd::Loop& loop() { return loop_; }
+
+  protected:
+    static constexpr std::size_t kCapacity = 4096;  // bytes; a message of seven joints has less than 500
+    virtual std::vector<ProgramFace*> programs() = 0;
+    Keeper keeper_;
+
+  private:
+    hd::Loop& loop_;
+    std::vector<std::unique_ptr<hd::Outbox>> outboxes_;
+};
+
+class JoinedFace : public LoopFace {
+  public:
+    explicit JoinedFace(std::int64_t dt_ns) : LoopFace(loop_), loop_(dt_ns) {
+        if (dt_ns <= 0) refuse("the period must be positive");
+    }
+    ~JoinedFace() override { close(); }
+    JoinedFace(const JoinedFace&) = delete;
+    JoinedFace& operator=(const JoinedFace&) = delete;
+
+    void add_input(const py::object& handle, const InputFace& input, const TranslatorFace& translator) {
+        keeper_.objects.insert(keeper_.objects.end(), input.kept.begin(), input.kept.end());
+        loop_.add_input(loop_.add_inbox(keeper_.entity(handle), kCapacity), input.input(), translator.get());
+    }
+    void add_slow(const py::object& handle,
+                  const std::vector<std::pair<InputFace, std::vector<std::pair<py::array, std::size_t>>>>& rows) {
+        hd::SlowInput slow{&loop_.add_inbox(keeper_.entity(handle), kCapacity), {}};
+        for (const auto& [input, targets] : rows) {
+            hd::SlowInput::Row row{input.layout, input.copies.at(0).from, {}};
+            for (const auto& [array, place] : targets) {
+                if (place >= size_of(array)) refuse("a target lies outside its block");
+                row.targets.push_back(keeper_.numbers(array, true) + place);
+            }
+            slow.rows.push_back(std::move(row));
+        }
+        loop_.add_slow(std::move(slow));
+    }
+    void substitute(std::size_t input, const py::array& to, const py::object& from) {
+        const double* source = nullptr;
+        if (!from.is_none()) {
+            const auto array = from.cast<py::array>();
+            if (array.size() != to.size()) refuse("source and target of a substitute differ in length");
+            source = keeper_.numbers(array, false);
+        }
+        loop_.substitute(input, source, keeper_.numbers(to, true), size_of(to));
+    }
+    hd::JoinedLoop& get() { return loop_; }
+
+  private:
+    hd::JoinedLoop loop_;
+
+  public:
+    ProgramFace program{loop_.program, keeper_, loop_.failure}, again{loop_.again, keeper_, loop_.failure};
+
+  protected:
+    std::vector<ProgramFace*> programs() override { return {&program, &again}; }
+};
+
+// Commands for a drive side in Python, which reads them as arrays.
+class TableFace {
+  public:
+    explicit TableFace(std::size_t joints) : table_(joints) {}
+    hd::CommandTable& get() { return table_; }
+
+  private:
+    hd::CommandTable table_;
+};
+
+class TimedFace : public LoopFace {
+  public:
+    TimedFace(std::int64_t dt_ns, bool lockstep, std::int64_t recorder_lag, std::int64_t temperature_ticks, int joints,
+              const py::object& commands)
+        : LoopFace(loop_),
+          loop_(dt_ns, {lockstep, recorder_lag, temperature_ticks}, joints,
+                keeper_.from_capsule<hd::Commands>(commands, hd::kCommandsCapsule)) {
+        if (dt_ns <= 0 || temperature_ticks <= 0) refuse("periods must be positive");
+    }
+    ~TimedFace() override { close(); }
+    TimedFace(const TimedFace&) = delete;
+    TimedFace& operator=(const TimedFace&) = delete;
+
+    void listen(const py::object& handle, std::vector<std::string> joints) {
+        if (static_cast<int>(joints.size()) != loop_.joints) refuse("names and commands differ in length");
+        input_ = std::make_unique<hd::CommandInput>(std::move(joints), loop_.dt_ns, loop_.commands,
+                                                    loop_.statistics.foreign);
+        loop_.listen(loop_.add_inbox(keeper_.entity(handle), kCapacity), *input_);
+    }
+    void follow_recorder(const py::object& handle) {
+        loop_.follow_recorder(loop_.add_inbox(keeper_.entity(handle), kCapacity));
+    }
+    void set_steps(const py::object& measure, const py::object& advance) {
+        loop_.measure = keeper_.step(measure, loop_.failure);
+        loop_.advance = keeper_.step(advance, loop_.failure);
+    }
+    // Commands of the same process: at this place of `send` they are handed on.
+    void offer(const py::array& torque) {
+        if (static_cast<int>(size_of(torque)) != loop_.joints) refuse("a command for another number of joints");
+        own_ = {loop_.commands, keeper_.numbers(torque, false), {}};
+        for (int j = 0; j < loop_.joints; ++j) own_.joints.push_back(j);
+        loop_.send.parts.emplace_back(hd::Step{&own_, &hd::OwnCommand::run});
+    }
+    hd::TimedLoop& get() { return loop_; }
+
+  private:
+    hd::TimedLoop loop_;
+    std::unique_ptr<hd::CommandInput> input_;
+    hd::OwnCommand own_{};
+
+  public:
+    ProgramFace send{loop_.send, keeper_, loop_.failure}, temperature{loop_.temperature, keeper_, loop_.failure};
+
+  protected:
+    std::vector<ProgramFace*> programs() override { return {&send, &temperature}; }
+};
+
+py::dict summary(hd::Statistics& statistics) {
+    py::dict found;
+    const auto count = [&](const char* name, const std::atomic<std::int64_t>& counter) {
+        found[name] = counter.load();
+    };
+    count("ticks", statistics.ticks), count("missed", statistics.missed);
+    count("incomplete", statistics.incomplete), count("foreign", statistics.foreign);
+    found["max_age_us"] = static_cast<double>(statistics.oldest_ns.exchange(0)) / 1000.0;
+    const auto spread = [&](const std::string& name, const auto& ring, std::int64_t written, bool differences) {
+        std::array<double, 3> values{};
+        if (!statistics.spread(ring, written, differences, values)) return;
+        const char* labels[] = {"p50", "p99", "max"};
+        for (std::size_t i = 0; i < values.size(); ++i) found[(name + "_" + labels[i] + "_us").c_str()] = values[i];
+    };
+    const std::int64_t ticks = statistics.ticks.load();
+    if (ticks > 2) {
+        spread("period", statistics.times, ticks, true);
+        spread("busy", statistics.busy, ticks, false);
+    }
+    spread("answer", statistics.answers, statistics.answers_given.load(), false);
+    return found;
+}
+
+void bind_messages(py::module_& m) {
+    m.attr("STORED") = static_cast<int>(hd::kStored);
+    m.attr("COMPLETE") = static_cast<int>(hd::kComplete);
+    m.attr("OTHER_LAYOUT") = static_cast<int>(hd::kOtherLayout);
+    m.attr("FOREIGN") = static_cast<int>(hd::kForeign);
+    m.attr("STALE") = static_cast<int>(hd::kStale);
+    m.attr("REPEATED") = static_cast<int>(hd::kRepeated);
+    m.attr("NO_STAMP") = hd::Outgoing::kNoStamp;
+    py::class_<InputFace>(m, "Input")
+        .def(py::init<const std::string&, const std::string&, std::size_t, std::size_t, std::size_t,
+                      const std::vector<std::size_t>&, const std::vector<py::array>&, const std::vector<std::size_t>&,
+                      bool>(),
+             py::arg("fixed"), py::arg("mask"), py::arg("stamp_at"), py::arg("frame_at"), py::arg("frame_length"),
+             py::arg("offsets"), py::arg("targets"), py::arg("places"), py::arg("optional") = false);
+    py::class_<JoinFace>(m, "Join")
+        .def(py::init<std::int64_t>(), py::arg("dt_ns"))
+        .def("add", &JoinFace::add)
+        .def("offer", &JoinFace::offer)
+        .def("last_missing", [](const JoinFace& self) { return self.join().last_missing(); })
+        .def("seen", &JoinFace::seen)
+        .def_property_readonly("tick", [](const JoinFace& self) { return self.join().tick; })
+        .def_property_readonly("incomplete", [](const JoinFace& self) { return self.join().incomplete; })
+        .def_property_readonly("stale", [](const JoinFace& self) { return self.join().stale; });
+    py::class_<MessageFace>(m, "Message")
+        .def(py::init<const std::string&, std::size_t, const Runs&>(), py::arg("template"), py::arg("stamp_at"),
+             py::arg("runs"))
+        .def("fill", &MessageFace::fill);
+    py::class_<TranslatorFace>(m, "Translator")
+        .def(py::init<const InputFace&, std::vector<std::string>, std::string,
+                      const std::vector<std::pair<std::size_t, std::size_t>>&>(),
+             py::arg("input"), py::arg("joint_names"), py::arg("expected"), py::arg("fields"))
+        .def("translate", &TranslatorFace::translate);
+}
+
+void bind_parts(py::module_& m) {
+    py::class_<hd::Statistics>(m, "Statistics")
+        .def(py::init<>())
+        .def("tick", &hd::Statistics::tick)
+        .def("answer", &hd::Statistics::answer)
+        .def("age", &hd::Statistics::age)
+        .def_property(
+            "foreign", [](const hd::Statistics& self) { return self.foreign.load(); },
+            [](hd::Statistics& self, std::int64_t count) { self.foreign.store(count); })
+        .def("summary", &summary);
+    py::class_<hd::Outbox>(m, "Outbox")
+        .def("switch", [](hd::Outbox& self, bool on) { self.on.store(on); })
+        .def("send",
+             [](hd::Outbox& self, std::int64_t stamp_ns) {
+                 const py::gil_scoped_release released;
+                 self.send(stamp_ns);
+             })
+        .def("publish", [](hd::Outbox& self, const std::string& data) { self.publish(data); });
+    py::class_<ProgramFace>(m, "Program")
+        .def("copy", &ProgramFace::copy)
+        .def("step", &ProgramFace::step)
+        .def("send", &ProgramFace::send)
+        .def("announce", &ProgramFace::announce);
+    py::class_<LoopFace>(m, "Loop")
+        .def("run", &LoopFace::run)
+        .def("close", &LoopFace::close)
+        .def("interrupt", [](LoopFace& self) { self.loop().interrupt(); })
+        .def("rearm", [](LoopFace& self) { self.loop().rearm(); })
+        .def("outbox", &LoopFace::outbox, py::arg("handle"), py::arg("template"), py::arg("stamp_at"), py::arg("runs"),
+             py::return_value_policy::reference_internal)
+        .def_property_readonly("real_time", &LoopFace::real_time)
+        .def_property_readonly("polled", [](LoopFace& self) { return self.loop().polled(); })
+        .def_property_readonly(
+            "statistics", [](LoopFace& self) -> hd::Statistics& { return self.loop().statistics; },
+            py::return_value_policy::reference_internal);
+}
+
+void bind_joined(py::module_& m) {
+    py::class_<JoinedFace, LoopFace>(m, "JoinedLoop")
+        .def(py::init<std::int64_t>(), py::arg("dt_ns"))
+        .def("add_input", &JoinedFace::add_input)
+        .def("add_slow", &JoinedFace::add_slow)
+        .def("substitute", &JoinedFace::substitute, py::arg("input"), py::arg("to"), py::arg("source"))
+        .def("restart", [](JoinedFace& self) { self.quietly([&] { self.get().restart(); }); })
+        .def("seen", [](JoinedFace& self, std::size_t input) { return self.get().seen(input); })
+        .def("set_active",
+             [](JoinedFace& self, bool active) {
+                 self.quietly([&] { self.get().between([&] { self.get().active.store(active); }); });
+             })
+        .def_property_readonly("active", [](JoinedFace& self) { return self.get().active.load(); })
+        .def_property_readonly("tick", [](JoinedFace& self) { return self.get().tick(); })
+        .def_property_readonly(
+            "program", [](JoinedFace& self) -> ProgramFace& { return self.program; },
+            py::return_value_policy::reference_internal)
+        .def_property_readonly(
+            "again", [](JoinedFace& self) -> ProgramFace& { return self.again; },
+            py::return_value_policy::reference_internal);
+}
+
+py::tuple fault_of(TimedFace& self) {
+    const hd::TimedFault& fault = self.get().fault;
+    return py::make_tuple(fault.kind.load(), fault.tick.load(), fault.limit_ns.load(), fault.missing.load(),
+                          fault.recorded.load());
+}
+
+template <auto Member>
+py::array array_of(const py::object& self) {
+    auto& memory = self.cast<TableFace&>().get().*Member;
+    using Number = typename std::decay_t<decltype(memory)>::value_type;
+    return py::array_t<Number>(static_cast<py::ssize_t>(memory.size()), memory.data(), self);
+}
+
+void bind_timed(py::module_& m) {
+    m.attr("NO_COMMAND") = static_cast<int>(hd::TimedFault::kNoCommand);
+    m.attr("RECORDER_BEHIND") = static_cast<int>(hd::TimedFault::kRecorderBehind);
+    py::class_<TableFace>(m, "CommandTable")
+        .def(py::init<std::size_t>(), py::arg("joints"))
+        .def_property_readonly("torque", &array_of<&hd::CommandTable::torque>)
+        .def_property_readonly("ticks", &array_of<&hd::CommandTable::tick>)
+        .def_property(
+            "stands", [](TableFace& self) { return self.get().stands != 0.0; },
+            [](TableFace& self, bool stands) { self.get().stands = stands ? 1.0 : 0.0; })
+        .def("commands_capsule", [](const py::object& self) {
+            hd::CommandTable& table = self.cast<TableFace&>().get();
+            return hd::owned_capsule(table.commands(), hd::kCommandsCapsule, self);
+        });
+    py::class_<TimedFace, LoopFace>(m, "TimedLoop")
+        .def(py::init<std::int64_t, bool, std::int64_t, std::int64_t, int, const py::object&>(), py::arg("dt_ns"),
+             py::arg("lockstep"), py::arg("recorder_lag"), py::arg("temperature_ticks"), py::arg("joints"),
+             py::arg("commands"))
+        .def("listen", &TimedFace::listen, py::arg("handle"), py::arg("joint_names"))
+        .def("follow_recorder", &TimedFace::follow_recorder)
+        .def("report_progress", [](TimedFace& self, hd::Outbox& outbox) { self.get().report_progress(outbox); })
+        .def("set_steps", &TimedFace::set_steps, py::arg("measure"), py::arg("advance"))
+        .def("offer", &TimedFace::offer)
+        .def("start", [](TimedFace& self) { self.quietly([&] { self.get().start(); }); })
+        .def("stop", [](TimedFace& self) { self.quietly([&] { self.get().stop(); }); })
+        .def("release", [](TimedFace& self) { self.quietly([&] { self.get().release(); }); })
+        .def("set_values",
+             [](TimedFace& self, std::int64_t pause_at, std::int64_t stop_after, std::int64_t timeout_ns) {
+                 hd::TimedValues& values = self.get().values;
+                 values.pause_at.store(pause_at), values.stop_after.store(stop_after);
+                 values.timeout_ns.store(timeout_ns);
+                 self.get().bell.ring();
+             })
+        .def("pretend_clock",
+             [](TimedFace& self, std::int64_t steady_ns, std::int64_t system_offset_ns) {
+                 hd::Clock& clock = self.get().clock;
+                 clock.steady.store(steady_ns), clock.system.store(system_offset_ns), clock.pretended.store(true);
+             })
+        .def_property_readonly("steady_ns", [](TimedFace& self) { return self.get().clock.steady_now(); })
+        .def_property_readonly("active", [](TimedFace& self) { return self.get().active.load(); })
+        .def_property_readonly("tick", [](TimedFace& self) { return self.get().tick(); })
+        .def_property_readonly("skipped", [](TimedFace& self) { return self.get().skipped(); })
+        .def_property_readonly("fault", &fault_of)
+        .def_property_readonly(
+            "send", [](TimedFace& self) -> ProgramFace& { return self.send; },
+            py::return_value_policy::reference_internal)
+        .def_property_readonly(
+            "temperature", [](TimedFace& self) -> ProgramFace& { return self.temperature; },
+            py::return_value_policy::reference_internal);
+}
+
+}  // namespace
+
+PYBIND11_MODULE(_plane, m) {
+    m.doc() = "Loops that take, join, step and publish without the interpreter.";
+    bind_messages(m);
+    bind_parts(m);
+    bind_joined(m);
+    bind_timed(m);
+}
