@@ -1,7 +1,9 @@
 """Builds the compiled parts and places the shipped files. The metadata is in pyproject.toml and package.xml."""
 
 import os
+import re
 import shutil
+import sys
 from glob import glob
 from pathlib import Path
 
@@ -25,20 +27,46 @@ def pybind11_include():
     return [pybind11.get_include()]
 
 
+def ros_includes():
+    """Folders of the headers of rcl and what they use: of a sourced ROS, else of the wheels; empty without either.
+
+    Nothing is linked: hd_control/cpp/rcl_access.hpp finds the library at run time, the headers are compared with it.
+    """
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if os.environ.get("ROS_DISTRO") else []
+    for prefix in filter(None, [*prefixes, sys.prefix]):
+        root = Path(prefix, "include")
+        if Path(root, "rcl", "rcl", "subscription.h").exists():
+            return sorted(str(path) for path in root.iterdir() if Path(path, path.name).is_dir())
+    return []
+
+
+def headers_of(source, include_dirs, found=()):
+    """The headers of this project that a source includes, directly or through others: what it is rebuilt for."""
+    known = list(found)
+    for name in re.findall(r'^#include "([^"]+)"', Path(source).read_text(encoding="utf-8"), re.MULTILINE):
+        for path in (Path(folder, name) for folder in include_dirs):
+            if path.exists() and str(path) not in known:
+                known = headers_of(path, include_dirs, [*known, str(path)])
+    return known
+
+
 def extensions():
     """One extension `package._name` for every `package/cpp/name_module.cpp`."""
     found = []
     for source in sorted(glob("hd_*/cpp/*_module.cpp")):
         package = source.split("/")[0]
         name = Path(source).name.removesuffix("_module.cpp")
+        own = dict.fromkeys(["hd_control/cpp", f"{package}/cpp"])
+        headers = headers_of(source, own)
+        ros = ros_includes() if "hd_control/cpp/rcl_access.hpp" in headers else []
         found.append(
             Extension(
                 f"{package}._{name}",
                 [source],
                 language="c++",
                 extra_compile_args=FLAGS,
-                include_dirs=[*pybind11_include(), "hd_control/cpp", f"{package}/cpp"],
-                depends=[*glob("hd_*/cpp/*.hpp"), "setup.py"],
+                include_dirs=[*pybind11_include(), *own, *ros],
+                depends=[*headers, "setup.py"],
             )
         )
     return found

@@ -174,22 +174,19 @@ class Runner:
     def _sequence(self) -> Any:
         """Everything that `step` does in one tick, as a compiled list. The true position is looked at first."""
         found, drive = _chain.Sequence(), self.world.seam.native
-        chain = {topic: {} for topic in topics.TOPICS}  # type: dict[str, dict[str, FloatArray]]
-        chain |= sensor_arrays(self.world.seam.readings)
+        chain = sensor_arrays(self.world.seam.readings)
         chain[topics.TEMPERATURE] = {"temperature": self.world.seam.readings.motor_temperature}
         found.call(drive.look_capsule())
         found.call(drive.measure_capsule())
         for _, stage in self.stages:
-            for view, topic, array in stage.inputs:
-                found.copy(chain[topic][array], view)
+            for topic, source, target in stage.copies(chain):
+                found.copy(source, target)
                 if topic == topics.TEMPERATURE:
                     found.every(self.temperature_ticks)
             if stage.input_ticks is not None:
                 found.stamp(stage.input_ticks)
             found.call(stage.step_capsule())
-            for topic in stage.wiring.outputs:
-                places = stage.outgoing_places(topic).items()
-                chain[topic] = {array: stage.outgoing[part.start : part.stop] for array, part in places}
+            chain |= stage.outgoing_arrays()
         found.copy(self.torque.allowed, drive.incoming)
         found.call(drive.advance_promptly_capsule() if self.prompt else drive.advance_capsule())
         found.call(drive.take_capsule())

@@ -29,12 +29,6 @@ def sensor_arrays(sample: Block) -> dict[str, dict[str, FloatArray]]:
     return {topic: {array: sample.view(name)} for topic, (array, name) in SENSORS.items()}
 
 
-def sensor_places(sample: Block) -> dict[str, dict[str, range]]:
-    """Where the numbers of each sensor topic lie in a sample block."""
-    slices = sample.layout.slices
-    return {t: {array: range(slices[name].start, slices[name].stop)} for t, (array, name) in SENSORS.items()}
-
-
 class World:
     """A plant behind its own safety gate, with the faults of that gate and a black box of the drive side."""
 

@@ -69,7 +69,7 @@ ALLOWED: dict[str, set[str]] = {
     },
     "hd_sim.nodes": {
         "hd_control.core", "hd_control.safety", "hd_control.chain", "hd_control.record", "hd_control.nodes",
-        "hd_control._messages", "hd_sim",
+        "hd_control._plane", "hd_sim",
     },
     # Recordings that hide an effect, and campaigns that ask the workbench and score its answers.
     "hd_sim.puzzles": {"hd_control.core", "hd_control.drive", "hd_control.record", "hd_control.lab", "hd_sim"},

@@ -16,9 +16,10 @@ import os
 import secrets
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,6 +29,9 @@ from hd_control.nodes.process import prepare_environment, request_real_time, sle
 from hd_control.record.cdr import new_run_id
 from hd_control.record.schema import joint_state_codec
 from hd_control.session.session import FOUR, Children, RunPlan, Session, child_environment, log_folder
+
+if TYPE_CHECKING:
+    from hd_control import _plane
 
 JOINTS = tuple(f"joint_{i}" for i in range(1, 8))
 HOPS = (
@@ -112,32 +116,22 @@ class _Ring:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self.node = rclpy.create_node(f"ring_{role}")
 
-    def summary(self, trips: list[int], sent: int) -> RingResult:
-        good = np.array(trips[WARM_UP:] or [np.nan]) / 1000.0
-        sent_counted = max(1, sent - WARM_UP)
-        missed = 100.0 * max(0, sent_counted - len(trips[WARM_UP:])) / sent_counted
-        return RingResult(float(np.percentile(good, 50)), float(np.percentile(good, 99)), missed)
-
 
 class _FastRing(_Ring):
     def echo(self, hop: int) -> None:
         from sensor_msgs.msg import JointState
 
-        from hd_control.nodes.fast_loop import FastLoop, HandsOff, JoinedTurn, RawInput, chain_qos, make_message
+        from hd_control.nodes.fast_loop import FastLoop, HandsOff, JoinedTurn, RawInput, chain_qos, message_runs
 
         source, target = HOPS[hop]
-        loop = FastLoop(self.node)
-        places = {array: range(len(JOINTS)) for array in topics.fields(target)}
-        encode = make_message(joint_state_codec(target, JOINTS), new_run_id(), places).encode
-        publish = self.node.create_publisher(JointState, target, chain_qos()).handle.publish_raw
-        numbers = np.zeros(len(JOINTS))
-
-        def act(tick: int, stamp_ns: int) -> None:
-            publish(encode(stamp_ns, numbers))
-
+        loop, numbers = FastLoop(self.node), np.zeros(len(JOINTS))
         raw = RawInput(self.node, source, JOINTS, HandsOff())
-        destinations = [{topics.fields(source)[0]: [(numbers, range(len(JOINTS)))]}]
-        turn = JoinedTurn(loop, [raw], destinations, act, 1_000_000)
+        turn = JoinedTurn([raw], [{topics.fields(source)[0]: [(numbers, range(len(JOINTS)))]}], 1_000_000)
+        codec = joint_state_codec(target, JOINTS)
+        runs = message_runs(codec, dict.fromkeys(topics.fields(target), numbers))
+        publisher = self.node.create_publisher(JointState, target, chain_qos())
+        plane = turn.plane
+        plane.program.send(plane.outbox(publisher.handle, codec.encode(0, new_run_id()), codec.stamp_place, runs))
         turn.active = True
         stop_on_signals(loop.stop)
         loop.install(turn)
@@ -146,53 +140,48 @@ class _FastRing(_Ring):
     def source(self, seconds: float, period: float) -> RingResult:
         from sensor_msgs.msg import JointState
 
-        from hd_control.nodes.fast_loop import HandsOff, RawInput, Waiter, chain_qos
+        from hd_control import _plane
+        from hd_control.nodes.fast_loop import HandsOff, RawInput, chain_qos
 
-        waiter = Waiter(self.node, 1)
+        dt_ns = round(period * 1e9)
+        table = _plane.CommandTable(len(JOINTS))
+        plane = _plane.TimedLoop(dt_ns, False, 0, 100, len(JOINTS), table.commands_capsule())
         back = RawInput(self.node, topics.COMMAND, JOINTS, HandsOff())
-        out = joint_state_codec(topics.ENCODER, JOINTS)
+        plane.listen(back.subscription.handle, JOINTS)
         publisher = self.node.create_publisher(JointState, topics.ENCODER, chain_qos())
-        run_id, numbers, dt_ns = new_run_id(), np.arange(7.0), round(period * 1e9)
+        codec = joint_state_codec(topics.ENCODER, JOINTS)
+        plane.send.send(plane.outbox(publisher.handle, codec.encode(0, new_run_id()), codec.stamp_place, []))
+        plane.start()
+        thread = threading.Thread(target=plane.run)
+        thread.start()
+        try:
+            return self.watch(plane, seconds)
+        finally:
+            plane.close()
+            thread.join()
 
-        def send(tick: int) -> None:
-            publisher.handle.publish_raw(out.encode(tick * dt_ns, run_id, position=numbers))
-
-        def wait(tick: int, deadline: int) -> bool:
-            while (left := deadline - time.monotonic_ns()) > 0:
-                waiter.wait((back.subscription.handle,), left)
-                data = back.take()
-                if data is not None and back.codec.stamp_ns(data) == tick * dt_ns:
-                    return True
-            return False
-
-        return self.pace(send, wait, seconds, dt_ns)
-
-    def pace(self, send: Any, wait: Any, seconds: float, dt_ns: int) -> RingResult:
-        tick = 0
-        while True:  # until the ring is closed
-            tick += 1
-            send(tick)
-            if wait(tick, time.monotonic_ns() + 100_000_000):
-                break
-            if tick > 300:
+    def watch(self, plane: _plane.TimedLoop, seconds: float) -> RingResult:
+        """What the loop of the source counts, from the time when the ring is closed."""
+        end = time.monotonic() + 30.0
+        while plane.statistics.answers_after(0)[0] < WARM_UP:
+            if time.monotonic() > end:
                 raise SystemExit("ring not closed")
+            time.sleep(0.05)
+        count, _ = plane.statistics.answers_after(0)
+        first, late = plane.tick, plane.late + plane.skipped
         trips: list[int] = []
-        sent, start = 0, time.monotonic_ns()
-        deadline = start + dt_ns
-        while time.monotonic_ns() - start < seconds * 1e9:
-            tick, sent = tick + 1, sent + 1
-            sleep_until(deadline)
-            begun = time.monotonic_ns()
-            send(tick)
-            if wait(tick, deadline + dt_ns):
-                trips.append(time.monotonic_ns() - begun)
-            deadline += dt_ns
-            while deadline + dt_ns < time.monotonic_ns():  # overslept: those ticks are missed
-                deadline, tick, sent = deadline + dt_ns, tick + 1, sent + 1
-        return self.summary(trips, sent)
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            time.sleep(0.2)
+            count, new = plane.statistics.answers_after(count)
+            trips += new
+        sent = plane.tick - first
+        good = np.array(trips if trips else [np.nan]) / 1000.0
+        missed = 100.0 * (plane.late + plane.skipped - late) / max(1, sent)
+        return RingResult(float(np.percentile(good, 50)), float(np.percentile(good, 99)), missed)
 
 
-class _StockRing(_FastRing):
+class _StockRing(_Ring):
     def echo(self, hop: int) -> None:
         import rclpy
         from sensor_msgs.msg import JointState
@@ -238,10 +227,41 @@ class _StockRing(_FastRing):
 
         return self.pace(send, wait, seconds, dt_ns)
 
+    def summary(self, trips: list[int], sent: int) -> RingResult:
+        good = np.array(trips[WARM_UP:] if trips[WARM_UP:] else [np.nan]) / 1000.0
+        sent_counted = max(1, sent - WARM_UP)
+        missed = 100.0 * max(0, sent_counted - len(trips[WARM_UP:])) / sent_counted
+        return RingResult(float(np.percentile(good, 50)), float(np.percentile(good, 99)), missed)
+
+    def pace(self, send: Any, wait: Any, seconds: float, dt_ns: int) -> RingResult:
+        tick = 0
+        while True:  # until the ring is closed
+            tick += 1
+            send(tick)
+            if wait(tick, time.monotonic_ns() + 100_000_000):
+                break
+            if tick > 300:
+                raise SystemExit("ring not closed")
+        trips: list[int] = []
+        sent, start = 0, time.monotonic_ns()
+        deadline = start + dt_ns
+        while time.monotonic_ns() - start < seconds * 1e9:
+            tick, sent = tick + 1, sent + 1
+            sleep_until(deadline)
+            begun = time.monotonic_ns()
+            send(tick)
+            if wait(tick, deadline + dt_ns):
+                trips.append(time.monotonic_ns() - begun)
+            deadline += dt_ns
+            while deadline + dt_ns < time.monotonic_ns():  # overslept: those ticks are missed
+                deadline, tick, sent = deadline + dt_ns, tick + 1, sent + 1
+        return self.summary(trips, sent)
+
 
 def main() -> int:
     kind, role, *rest = sys.argv[1:]
-    ring_kind = {"fast": _FastRing, "stock": _StockRing}[kind](f"{role}_{os.getpid()}")
+    kinds: dict[str, type[_FastRing] | type[_StockRing]] = {"fast": _FastRing, "stock": _StockRing}
+    ring_kind = kinds[kind](f"{role}_{os.getpid()}")
     if role == "echo":
         ring_kind.echo(int(rest[0]))
         return 0

@@ -85,7 +85,7 @@ class Stage:
         self.inputs = [(self.sample.view(name), *source) for name, source in rows]
         if self.reference is not None:
             self.inputs += [(self.reference.view(name), *source) for name, source in self.wiring.reference.items()]
-        self._results: list[tuple[str, str, FloatArray]] = []
+        self._results = self.outgoing_arrays()
         self.input_ticks: FloatArray | None = getattr(native, "input_ticks", None)
 
     # ---- parameters and state ---------------------------------------------------------------------------------
@@ -160,19 +160,34 @@ class Stage:
 
     def absent(self, topic: str) -> None:
         """An optional input is not there in this tick."""
+        for target, source in self.stand_ins(topic):
+            target[:] = 0.0 if source is None else source
+
+    def stand_ins(self, topic: str) -> list[tuple[FloatArray, FloatArray | None]]:
+        """What an optional input is replaced by while it was never seen: fields with their sources, None for zero."""
+        return []
+
+    def copies(self, bus: Bus) -> list[tuple[str, FloatArray, FloatArray]]:
+        """What `read` does with this bus, as pieces of memory: topic, from, to. For a compiled list of what happens."""
+        found, pick = [], self._pick
+        for view, topic, array in self.inputs:
+            if topic in bus and isinstance(pick, slice):
+                found.append((topic, bus[topic][array], view))
+            elif topic in bus:
+                numbers = bus[topic][array]
+                found += [(topic, numbers[row : row + 1], view[i : i + 1]) for i, row in enumerate(pick.tolist())]
+        return found
+
+    def outgoing_arrays(self) -> Bus:
+        """Where the numbers of each topic are after `act`: views, by topic and array."""
+        return {
+            topic: {a: self.outgoing[part.start : part.stop] for a, part in self.outgoing_places(topic).items()}
+            for topic in self.wiring.outputs
+        }
 
     def results(self) -> Bus:
         """Output fields as the arrays of each topic, copies."""
-        if not self._results:
-            self._results = [
-                (topic, array, self.outgoing[part.start : part.stop])
-                for topic in self.wiring.outputs
-                for array, part in self.outgoing_places(topic).items()
-            ]
-        found: Bus = {}
-        for topic, array, view in self._results:
-            found.setdefault(topic, {})[array] = view.copy()
-        return found
+        return {topic: {a: view.copy() for a, view in arrays.items()} for topic, arrays in self._results.items()}
 
     @property
     def outgoing(self) -> FloatArray:

@@ -53,10 +53,10 @@ class TorqueStage(Stage):
             "output": output,
             "state": state,
         }
+        self.allowed: FloatArray = native.allowed
         self._use(native, blocks)
         self.guard = Guard(self.limits, *self._bounds, self.dt, 0, native.guard)
         self.faults = FaultBook(native.faults)
-        self.allowed: FloatArray = native.allowed
         if before is not None:
             self._take_over(before)
         self.black_box = BlackBox(self.dt, native.ring)
@@ -103,11 +103,12 @@ class TorqueStage(Stage):
         if topics.REFERENCE not in bus:
             self.absent(topics.REFERENCE)
 
-    def absent(self, topic: str) -> None:
+    def stand_ins(self, topic: str) -> list[tuple[FloatArray, FloatArray | None]]:
         """Without a reference the joint is meant to stand where it is."""
-        if self.reference is not None:
-            self.reference.desired_position = self.sample.joint_position
-            self.reference.desired_velocity = 0.0
+        if self.reference is None or topic != topics.REFERENCE:
+            return []
+        position, velocity = (self.reference.view(name) for name in ("desired_position", "desired_velocity"))
+        return [(position, self.sample.view("joint_position")), (velocity, None)]
 
     def act(self, tick: int) -> None:
         self.native.act(tick)

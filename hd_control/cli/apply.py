@@ -185,7 +185,7 @@ def _watched(nodes: LiveNodes, applied: Applied, changes: Mapping[str, Mapping[s
     watch = nodes.watch()
     before = watch.measure(seconds)
     nodes.set(changes)
-    watch.measure(RAMP_TIME)
+    watch.settle(RAMP_TIME)
     after = watch.measure(seconds)
     joints = sorted({row.joint for row in applied.rows if row.applied})
     ratio = growth(before, after, joints)

@@ -130,13 +130,4 @@ struct Join {
     }
 };
 
-// One outgoing message: a template whose stamp and doubles are overwritten.
-struct Message {
-    std::string bytes;
-    std::size_t stamp_at = 0;
-    std::vector<std::pair<std::size_t, std::size_t>> copies;  // byte offset, index in the source array
-
-    void stamp(std::int64_t stamp_ns) { put_stamp(bytes, stamp_at, stamp_ns); }
-};
-
 }  // namespace hd

@@ -30,19 +30,19 @@ class Parameters {
         plan_.kind.resize(size, 0);
     }
 
-    // A new block. A block that was offered and not taken yet is replaced.
+    // A new block. A block that was offered and not taken yet is replaced. Block number c lies in slot c % 2.
     void offer(const double* block) {
-        const int slot = 1 - newest_.load(std::memory_order_relaxed) % 2;
-        const std::uint64_t count = count_.load(std::memory_order_relaxed);
-        std::copy(block, block + now.size(), inbox_[slot].begin());
-        newest_.store(slot, std::memory_order_relaxed);
-        count_.store(count + 1, std::memory_order_release);
+        const std::uint64_t count = count_.load(std::memory_order_relaxed) + 1;
+        std::copy(block, block + now.size(), inbox_[count % 2].begin());
+        count_.store(count, std::memory_order_release);
     }
 
     // The newest block as a whole, without a ramp.
     void arrive() {
-        taken_ = count_.load(std::memory_order_acquire);
-        if (taken_ > 0) now = after_ = inbox_[newest_.load(std::memory_order_relaxed)];
+        if (count_.load(std::memory_order_acquire) > 0) {
+            copy_newest();
+            now = after_;
+        }
         ticks_ = tick_ = 0;
     }
 
@@ -57,12 +57,9 @@ class Parameters {
     // Before the law's step: the next numbers on the way to the newest. `state` null: the law has none yet.
     // True if the block is another one than in the tick before.
     bool take(double* state) {
-        const std::uint64_t newest = count_.load(std::memory_order_acquire);
         bool changed = false;
-        if (newest != taken_) {
-            taken_ = newest;
-            const std::vector<double>& wanted = inbox_[newest_.load(std::memory_order_relaxed)];
-            std::copy(wanted.begin(), wanted.end(), after_.begin());
+        if (count_.load(std::memory_order_acquire) != taken_) {
+            copy_newest();
             if (state == nullptr || !plan_ramp(state)) {
                 now = after_;
                 ticks_ = tick_ = 0;
@@ -82,6 +79,16 @@ class Parameters {
     std::vector<double> now;
 
   private:
+    // The slot that is read is written again only by the second offer after it: a block is whole if none came meanwhile.
+    void copy_newest() {
+        do {
+            taken_ = count_.load(std::memory_order_acquire);
+            const std::vector<double>& wanted = inbox_[taken_ % 2];
+            std::copy(wanted.begin(), wanted.end(), after_.begin());
+            std::atomic_thread_fence(std::memory_order_acquire);
+        } while (count_.load(std::memory_order_relaxed) != taken_);
+    }
+
     bool plan_ramp(const double* state) {
         const int model = std::max(1, static_cast<int>(std::nearbyint(kRampTime / dt_)));
         gain_ticks_ = std::max(1, static_cast<int>(std::nearbyint(kGainTime / dt_)));
@@ -124,7 +131,6 @@ class Parameters {
 
     RampPlan plan_;
     std::vector<double> inbox_[2], before_, after_, moves_;
-    std::atomic<int> newest_{0};
     std::atomic<std::uint64_t> count_{0};
     std::uint64_t taken_ = 0;
     double dt_;

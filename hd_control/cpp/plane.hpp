@@ -18,6 +18,7 @@
 #include <atomic>
 #include <cmath>
 #include <cstdint>
+#include <deque>
 #include <exception>
 #include <memory>
 #include <mutex>
@@ -232,7 +233,7 @@ class Statistics {
         if (found > oldest_ns.load(kAny) && found < kPlausibleAge) oldest_ns.store(found, kAny);
     }
     void clear() {
-        for (auto* each : {&ticks, &missed, &incomplete, &oldest_ns}) each->store(0, kAny);
+        for (auto* each : {&ticks, &missed, &incomplete, &ahead, &oldest_ns}) each->store(0, kAny);
     }
     // p50, p99 and maximum of the newest numbers of a ring in us; false if there are none. `differences`: of each
     // number to the one before it.
@@ -258,7 +259,7 @@ class Statistics {
     static void add(std::atomic<std::int64_t>& counter, std::int64_t more) { counter.fetch_add(more, kAny); }
 
     static constexpr std::memory_order kAny = std::memory_order_relaxed;
-    std::atomic<std::int64_t> ticks{0}, missed{0}, incomplete{0}, foreign{0}, last_tick{0}, oldest_ns{0};
+    std::atomic<std::int64_t> ticks{0}, missed{0}, incomplete{0}, foreign{0}, ahead{0}, last_tick{0}, oldest_ns{0};
     std::atomic<std::int64_t> answers_given{0};
     Ring times{}, busy{}, answers{};
 };
@@ -266,7 +267,8 @@ class Statistics {
 // What all loops share: being run by one thread, stopped by another, and entered between two ticks.
 class Loop {
   public:
-    explicit Loop(std::int64_t dt_ns) : dt_ns(dt_ns) {}
+    // `poll`: messages are looked for every `kLookEvery`, as where no callback may be set.
+    Loop(std::int64_t dt_ns, bool poll) : dt_ns(dt_ns), polled_(poll) {}
     Loop(const Loop&) = delete;
     Loop& operator=(const Loop&) = delete;
     virtual ~Loop() = default;
@@ -304,7 +306,7 @@ class Loop {
 
     Inbox& add_inbox(const void* subscription, std::size_t capacity) {
         inboxes_.push_back(std::make_unique<Inbox>(subscription, capacity, bell));
-        if (!inboxes_.back()->listen()) polled_ = true;
+        if (!polled_ && !inboxes_.back()->listen()) polled_ = true;
         return *inboxes_.back();
     }
     // The end: no callback comes any more, no entity of rcl is touched any more.
@@ -341,7 +343,7 @@ class Loop {
     std::mutex between_;
     std::atomic<bool> interrupted_{false};
     std::atomic<bool> closed_{false};
-    bool polled_ = false;
+    bool polled_;
     std::vector<std::unique_ptr<Inbox>> inboxes_;
 };
 
@@ -369,12 +371,12 @@ struct SlowInput {
 // The loop of a node that acts when all inputs of a tick are there.
 class JoinedLoop : public Loop {
   public:
-    explicit JoinedLoop(std::int64_t dt_ns) : Loop(dt_ns), join_(dt_ns), fresh_(dt_ns) {}
+    explicit JoinedLoop(std::int64_t dt_ns, bool poll = false) : Loop(dt_ns, poll), join_(dt_ns), fresh_(dt_ns) {}
 
     void add_input(Inbox& inbox, Input input, Translator translator) {
         fresh_.inputs.push_back(std::move(input));
         join_ = fresh_;
-        sources_.push_back({&inbox, std::move(translator), {}});
+        sources_.emplace_back(inbox, std::move(translator));
     }
     void add_slow(SlowInput slow) { slow_.push_back(std::move(slow)); }
     // While an optional input was never seen, `to` is filled from `from` before the program runs; zero without one.
@@ -390,6 +392,11 @@ class JoinedLoop : public Loop {
             last_stamp_ns_ = -1;
         });
     }
+    // Messages of an input that were dropped: of another run id, and of a layout that cannot be read.
+    std::pair<std::int64_t, std::int64_t> dropped(std::size_t input) const {
+        const Source& source = sources_.at(input);
+        return {source.other_run.load(), source.unreadable.load()};
+    }
     bool seen(std::size_t input) const { return !join_.inputs.at(input).unseen; }
     std::int64_t tick() const { return join_.tick; }
 
@@ -397,9 +404,11 @@ class JoinedLoop : public Loop {
 
   protected:
     struct Source {
+        Source(Inbox& inbox, Translator translator) : inbox(&inbox), translator(std::move(translator)) {}
         Inbox* inbox;
         Translator translator;
         std::vector<CopyNumbers> substitutes;
+        std::atomic<std::int64_t> other_run{0}, unreadable{0};
     };
 
     // Takes what is there, an input after the other, until all are empty; then waits for the last one missing: one
@@ -434,11 +443,12 @@ class JoinedLoop : public Loop {
         Offer outcome = join_.offer(index, inbox.message());
         if (outcome == kOtherLayout) {
             const std::string_view translated = sources_[index].translator.translate(inbox.message());
-            outcome = translated.empty() ? kForeign : join_.offer(index, translated);
+            if (!translated.empty()) outcome = join_.offer(index, translated);
         }
         if (outcome == kComplete) {
             act();
-        } else if (outcome == kForeign) {
+        } else if (outcome == kForeign || outcome == kOtherLayout) {
+            Statistics::add(outcome == kForeign ? sources_[index].other_run : sources_[index].unreadable, 1);
             Statistics::add(statistics.foreign, 1);
         } else if (outcome == kRepeated && active.load() && last_stamp_ns_ >= 0) {
             again.run(join_.tick, last_stamp_ns_, failure);
@@ -457,6 +467,7 @@ class JoinedLoop : public Loop {
         program.run(tick, stamp_ns, failure);
         last_stamp_ns_ = stamp_ns;
         statistics.incomplete.store(join_.incomplete, Statistics::kAny);
+        statistics.ahead.store(join_.ahead, Statistics::kAny);
         statistics.tick(tick, started, steady_ns());
     }
 
@@ -471,7 +482,7 @@ class JoinedLoop : public Loop {
     }
 
     Join join_, fresh_;
-    std::vector<Source> sources_;
+    std::deque<Source> sources_;
     std::vector<SlowInput> slow_;
     std::int64_t last_stamp_ns_ = -1, next_look_ns_ = 0;
 };

@@ -4,6 +4,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -11,135 +12,13 @@
 #include <vector>
 
 #include "capsules.hpp"
+#include "message_faces.hpp"
 #include "plane.hpp"
 #include "timed.hpp"
 
 namespace py = pybind11;
 
 namespace {
-
-using Runs = std::vector<std::pair<std::size_t, py::array>>;
-
-[[noreturn]] void refuse(const char* why) { throw std::invalid_argument(why); }
-
-// The numbers of an array, where they are: never those of a copy that a conversion made.
-template <typename T>
-T* memory(const py::array& array, bool written = true) {
-    if (!array.dtype().is(py::dtype::of<T>())) refuse("an array of another type");
-    if ((array.flags() & py::array::c_style) == 0) refuse("the numbers of an array do not lie in a row");
-    if (written && !array.writeable()) refuse("an array that may not be written");
-    return static_cast<T*>(const_cast<void*>(array.data()));
-}
-
-std::size_t size_of(const py::array& array) { return static_cast<std::size_t>(array.size()); }
-
-std::string_view view(const py::bytes& data) {
-    char* start = nullptr;
-    Py_ssize_t size = 0;
-    if (PyBytes_AsStringAndSize(data.ptr(), &start, &size) != 0) throw py::error_already_set();
-    return {start, static_cast<std::size_t>(size)};
-}
-
-hd::Layout make_layout(const std::string& fixed, const std::string& mask, std::size_t stamp_at, std::size_t frame_at,
-                       std::size_t frame_length) {
-    const std::size_t size = fixed.size();
-    if (mask.size() != size || stamp_at + 8 > size || frame_at + frame_length > size) {
-        refuse("the layout lies outside its message");
-    }
-    return {fixed, mask, stamp_at, frame_at, frame_length};
-}
-
-hd::Outgoing make_outgoing(const std::string& bytes, std::size_t stamp_at, const Runs& runs) {
-    hd::Outgoing message{bytes, stamp_at, {}};
-    if (stamp_at != hd::Outgoing::kNoStamp && stamp_at + 8 > bytes.size()) refuse("the stamp lies outside the message");
-    for (const auto& [to, array] : runs) {
-        if (to + sizeof(double) * size_of(array) > bytes.size()) refuse("numbers lie outside the message");
-        message.runs.push_back({to, memory<double>(array, false), size_of(array)});
-    }
-    return message;
-}
-
-// What an input of a join looks like, with where its numbers go; shared by loops and by `Join` alone.
-struct InputFace {
-    hd::Layout layout;
-    std::vector<hd::Copy> copies;
-    std::vector<py::object> kept;
-    bool optional = false;
-
-    InputFace(const std::string& fixed, const std::string& mask, std::size_t stamp_at, std::size_t frame_at,
-              std::size_t frame_length, const std::vector<std::size_t>& offsets, const std::vector<py::array>& targets,
-              const std::vector<std::size_t>& places, bool optional)
-        : layout(make_layout(fixed, mask, stamp_at, frame_at, frame_length)), optional(optional) {
-        if (offsets.size() != targets.size() || offsets.size() != places.size()) {
-            refuse("offsets, targets and places differ in length");
-        }
-        for (std::size_t i = 0; i < offsets.size(); ++i) {
-            if (offsets[i] + sizeof(double) > fixed.size() || places[i] >= size_of(targets[i])) {
-                refuse("a copy lies outside its message or its block");
-            }
-            copies.push_back({offsets[i], memory<double>(targets[i]) + places[i]});
-            kept.push_back(targets[i]);
-        }
-    }
-    hd::Input input() const {
-        hd::Input made;
-        made.layout = layout;
-        made.copies = copies;
-        made.unseen = optional;
-        return made;
-    }
-};
-
-class JoinFace {
-  public:
-    explicit JoinFace(std::int64_t dt_ns) : join_(dt_ns) {
-        if (dt_ns <= 0) refuse("the period must be positive");
-    }
-    void add(const InputFace& face) {
-        join_.inputs.push_back(face.input());
-        kept_.insert(kept_.end(), face.kept.begin(), face.kept.end());
-    }
-    int offer(std::size_t index, const py::bytes& data) {
-        if (index >= join_.inputs.size()) throw std::out_of_range("no such input");
-        return join_.offer(index, view(data));
-    }
-    bool seen(std::size_t index) const { return !join_.inputs.at(index).unseen; }
-    const hd::Join& join() const { return join_; }
-
-  private:
-    hd::Join join_;
-    std::vector<py::object> kept_;
-};
-
-class MessageFace {
-  public:
-    MessageFace(const std::string& bytes, std::size_t stamp_at, const Runs& runs)
-        : message_(make_outgoing(bytes, stamp_at, runs)) {
-        for (const auto& run : runs) kept_.push_back(run.second);
-    }
-    py::bytes fill(std::int64_t stamp_ns) { return py::bytes(message_.fill(stamp_ns)); }
-
-  private:
-    hd::Outgoing message_;
-    std::vector<py::object> kept_;
-};
-
-class TranslatorFace {
-  public:
-    TranslatorFace(const InputFace& input, std::vector<std::string> joints, std::string expected,
-                   const std::vector<std::pair<std::size_t, std::size_t>>& fields)
-        : translator_(std::move(joints), std::move(expected), input.layout, places(fields)) {}
-    py::bytes translate(const py::bytes& data) { return py::bytes(std::string(translator_.translate(view(data)))); }
-    const hd::Translator& get() const { return translator_; }
-
-  private:
-    static std::vector<hd::Translator::Field> places(const std::vector<std::pair<std::size_t, std::size_t>>& fields) {
-        std::vector<hd::Translator::Field> made;
-        for (const auto& [which, at] : fields) made.push_back({which, at});
-        return made;
-    }
-    hd::Translator translator_;
-};
 
 // A step in Python: takes the interpreter lock, so the loop is not real time. What it raises ends the loop.
 struct PythonStep {
@@ -271,7 +150,7 @@ class LoopFace {
 
 class JoinedFace : public LoopFace {
   public:
-    explicit JoinedFace(std::int64_t dt_ns) : LoopFace(loop_), loop_(dt_ns) {
+    JoinedFace(std::int64_t dt_ns, bool poll) : LoopFace(loop_), loop_(dt_ns, poll) {
         if (dt_ns <= 0) refuse("the period must be positive");
     }
     ~JoinedFace() override { close(); }
@@ -316,16 +195,6 @@ class JoinedFace : public LoopFace {
     std::vector<ProgramFace*> programs() override { return {&program, &again}; }
 };
 
-// Commands for a drive side in Python, which reads them as arrays.
-class TableFace {
-  public:
-    explicit TableFace(std::size_t joints) : table_(joints) {}
-    hd::CommandTable& get() { return table_; }
-
-  private:
-    hd::CommandTable table_;
-};
-
 class TimedFace : public LoopFace {
   public:
     TimedFace(std::int64_t dt_ns, bool lockstep, std::int64_t recorder_lag, std::int64_t temperature_ticks, int joints,
@@ -359,6 +228,7 @@ class TimedFace : public LoopFace {
         for (int j = 0; j < loop_.joints; ++j) own_.joints.push_back(j);
         loop_.send.parts.emplace_back(hd::Step{&own_, &hd::OwnCommand::run});
     }
+    std::int64_t unreadable() const { return input_ == nullptr ? 0 : input_->unreadable.load(); }
     hd::TimedLoop& get() { return loop_; }
 
   private:
@@ -380,6 +250,7 @@ py::dict summary(hd::Statistics& statistics) {
     };
     count("ticks", statistics.ticks), count("missed", statistics.missed);
     count("incomplete", statistics.incomplete), count("foreign", statistics.foreign);
+    count("ahead", statistics.ahead);
     found["max_age_us"] = static_cast<double>(statistics.oldest_ns.exchange(0)) / 1000.0;
     const auto spread = [&](const std::string& name, const auto& ring, std::int64_t written, bool differences) {
         std::array<double, 3> values{};
@@ -396,38 +267,15 @@ py::dict summary(hd::Statistics& statistics) {
     return found;
 }
 
-void bind_messages(py::module_& m) {
-    m.attr("STORED") = static_cast<int>(hd::kStored);
-    m.attr("COMPLETE") = static_cast<int>(hd::kComplete);
-    m.attr("OTHER_LAYOUT") = static_cast<int>(hd::kOtherLayout);
-    m.attr("FOREIGN") = static_cast<int>(hd::kForeign);
-    m.attr("STALE") = static_cast<int>(hd::kStale);
-    m.attr("REPEATED") = static_cast<int>(hd::kRepeated);
-    m.attr("NO_STAMP") = hd::Outgoing::kNoStamp;
-    py::class_<InputFace>(m, "Input")
-        .def(py::init<const std::string&, const std::string&, std::size_t, std::size_t, std::size_t,
-                      const std::vector<std::size_t>&, const std::vector<py::array>&, const std::vector<std::size_t>&,
-                      bool>(),
-             py::arg("fixed"), py::arg("mask"), py::arg("stamp_at"), py::arg("frame_at"), py::arg("frame_length"),
-             py::arg("offsets"), py::arg("targets"), py::arg("places"), py::arg("optional") = false);
-    py::class_<JoinFace>(m, "Join")
-        .def(py::init<std::int64_t>(), py::arg("dt_ns"))
-        .def("add", &JoinFace::add)
-        .def("offer", &JoinFace::offer)
-        .def("last_missing", [](const JoinFace& self) { return self.join().last_missing(); })
-        .def("seen", &JoinFace::seen)
-        .def_property_readonly("tick", [](const JoinFace& self) { return self.join().tick; })
-        .def_property_readonly("incomplete", [](const JoinFace& self) { return self.join().incomplete; })
-        .def_property_readonly("stale", [](const JoinFace& self) { return self.join().stale; });
-    py::class_<MessageFace>(m, "Message")
-        .def(py::init<const std::string&, std::size_t, const Runs&>(), py::arg("template"), py::arg("stamp_at"),
-             py::arg("runs"))
-        .def("fill", &MessageFace::fill);
-    py::class_<TranslatorFace>(m, "Translator")
-        .def(py::init<const InputFace&, std::vector<std::string>, std::string,
-                      const std::vector<std::pair<std::size_t, std::size_t>>&>(),
-             py::arg("input"), py::arg("joint_names"), py::arg("expected"), py::arg("fields"))
-        .def("translate", &TranslatorFace::translate);
+// The answers given since the first `count`, ns, as far as they are still there; and how many there were in all.
+py::tuple answers_after(const hd::Statistics& statistics, std::int64_t count) {
+    const std::int64_t all = statistics.answers_given.load();
+    const std::int64_t ring = hd::Statistics::kRing;
+    std::vector<std::int64_t> found;
+    for (std::int64_t i = std::max({count, all - ring, std::int64_t{0}}); i < all; ++i) {
+        found.push_back(statistics.answers[static_cast<std::size_t>(i % ring)].load());
+    }
+    return py::make_tuple(all, found);
 }
 
 void bind_parts(py::module_& m) {
@@ -439,7 +287,8 @@ void bind_parts(py::module_& m) {
         .def_property(
             "foreign", [](const hd::Statistics& self) { return self.foreign.load(); },
             [](hd::Statistics& self, std::int64_t count) { self.foreign.store(count); })
-        .def("summary", &summary);
+        .def("summary", &summary)
+        .def("answers_after", &answers_after);
     py::class_<hd::Outbox>(m, "Outbox")
         .def("switch", [](hd::Outbox& self, bool on) { self.on.store(on); })
         .def("send",
@@ -452,7 +301,8 @@ void bind_parts(py::module_& m) {
         .def("copy", &ProgramFace::copy)
         .def("step", &ProgramFace::step)
         .def("send", &ProgramFace::send)
-        .def("announce", &ProgramFace::announce);
+        .def("announce", &ProgramFace::announce)
+        .def("clear", &ProgramFace::clear);
     py::class_<LoopFace>(m, "Loop")
         .def("run", &LoopFace::run)
         .def("close", &LoopFace::close)
@@ -469,11 +319,12 @@ void bind_parts(py::module_& m) {
 
 void bind_joined(py::module_& m) {
     py::class_<JoinedFace, LoopFace>(m, "JoinedLoop")
-        .def(py::init<std::int64_t>(), py::arg("dt_ns"))
+        .def(py::init<std::int64_t, bool>(), py::arg("dt_ns"), py::arg("poll") = false)
         .def("add_input", &JoinedFace::add_input)
         .def("add_slow", &JoinedFace::add_slow)
         .def("substitute", &JoinedFace::substitute, py::arg("input"), py::arg("to"), py::arg("source"))
         .def("restart", [](JoinedFace& self) { self.quietly([&] { self.get().restart(); }); })
+        .def("dropped", [](JoinedFace& self, std::size_t input) { return self.get().dropped(input); })
         .def("seen", [](JoinedFace& self, std::size_t input) { return self.get().seen(input); })
         .def("set_active",
              [](JoinedFace& self, bool active) {
@@ -495,27 +346,9 @@ py::tuple fault_of(TimedFace& self) {
                           fault.recorded.load());
 }
 
-template <auto Member>
-py::array array_of(const py::object& self) {
-    auto& memory = self.cast<TableFace&>().get().*Member;
-    using Number = typename std::decay_t<decltype(memory)>::value_type;
-    return py::array_t<Number>(static_cast<py::ssize_t>(memory.size()), memory.data(), self);
-}
-
 void bind_timed(py::module_& m) {
     m.attr("NO_COMMAND") = static_cast<int>(hd::TimedFault::kNoCommand);
     m.attr("RECORDER_BEHIND") = static_cast<int>(hd::TimedFault::kRecorderBehind);
-    py::class_<TableFace>(m, "CommandTable")
-        .def(py::init<std::size_t>(), py::arg("joints"))
-        .def_property_readonly("torque", &array_of<&hd::CommandTable::torque>)
-        .def_property_readonly("ticks", &array_of<&hd::CommandTable::tick>)
-        .def_property(
-            "stands", [](TableFace& self) { return self.get().stands != 0.0; },
-            [](TableFace& self, bool stands) { self.get().stands = stands ? 1.0 : 0.0; })
-        .def("commands_capsule", [](const py::object& self) {
-            hd::CommandTable& table = self.cast<TableFace&>().get();
-            return hd::owned_capsule(table.commands(), hd::kCommandsCapsule, self);
-        });
     py::class_<TimedFace, LoopFace>(m, "TimedLoop")
         .def(py::init<std::int64_t, bool, std::int64_t, std::int64_t, int, const py::object&>(), py::arg("dt_ns"),
              py::arg("lockstep"), py::arg("recorder_lag"), py::arg("temperature_ticks"), py::arg("joints"),
@@ -543,6 +376,8 @@ void bind_timed(py::module_& m) {
         .def_property_readonly("steady_ns", [](TimedFace& self) { return self.get().clock.steady_now(); })
         .def_property_readonly("active", [](TimedFace& self) { return self.get().active.load(); })
         .def_property_readonly("tick", [](TimedFace& self) { return self.get().tick(); })
+        .def_property_readonly("late", [](TimedFace& self) { return self.get().late(); })
+        .def_property_readonly("unreadable", &TimedFace::unreadable)
         .def_property_readonly("skipped", [](TimedFace& self) { return self.get().skipped(); })
         .def_property_readonly("fault", &fault_of)
         .def_property_readonly(
@@ -558,6 +393,7 @@ void bind_timed(py::module_& m) {
 PYBIND11_MODULE(_plane, m) {
     m.doc() = "Loops that take, join, step and publish without the interpreter.";
     bind_messages(m);
+    bind_commands(m);
     bind_parts(m);
     bind_joined(m);
     bind_timed(m);

@@ -34,11 +34,12 @@ struct CommandTable {
 
     std::vector<double> torque;      // N m
     std::vector<std::int64_t> tick;  // -1: never
-    double stands = 0.0;             // not zero: another publisher may take over
+    std::int64_t stale = 0;          // commands that were not newer
+    bool stands = false;             // another publisher may take over
 
     Commands commands() {
         return {this, &offer, [](void* table, int joint) { return of(table).tick[static_cast<std::size_t>(joint)]; },
-                [](void* table) { return of(table).stands != 0.0; }};
+                [](void* table) { return of(table).stands; }};
     }
 
   private:
@@ -46,7 +47,10 @@ struct CommandTable {
     static bool offer(void* table, const int* joints, int count, const double* torque, std::int64_t tick) {
         CommandTable& own = of(table);
         for (int i = 0; i < count; ++i) {
-            if (own.tick[static_cast<std::size_t>(joints[i])] >= tick) return false;
+            if (own.tick[static_cast<std::size_t>(joints[i])] >= tick) {
+                ++own.stale;
+                return false;
+            }
         }
         for (int i = 0; i < count; ++i) {
             own.torque[static_cast<std::size_t>(joints[i])] = torque[i];
@@ -70,6 +74,8 @@ class CommandInput {
     }
     void release() { sources_.clear(); }
 
+    std::atomic<std::int64_t> unreadable{0};  // of those that are foreign: no layout that could be bound
+
   private:
     struct Source {
         Source(std::vector<int> places, std::int64_t dt_ns)
@@ -92,6 +98,11 @@ class CommandInput {
                 hand_on(source);
                 return &source;
             }
+            if (outcome == kAhead) {  // the drive side drops it, too, and reports by how much
+                commands_.offer(commands_.context, source.joints.data(), static_cast<int>(source.joints.size()),
+                                source.torque.data(), source.join.inputs.front().leap);
+                return &source;
+            }
             if (outcome == kForeign) {
                 if (!stands()) return nullptr;
                 sources_.erase(sources_.begin() + static_cast<std::ptrdiff_t>(i));
@@ -104,13 +115,13 @@ class CommandInput {
     // A new publisher, unless its layout is unusable or one of its joints has a publisher already.
     Source* bind(std::string_view data) {
         JointStateParts parts;
-        if (!parts.read(data) || parts.swapped || parts.frame.empty() || parts.names == 0) return nullptr;
+        if (!parts.read(data) || parts.swapped || parts.frame.empty() || parts.names == 0) return unusable();
         std::vector<int> places;
         parts.each_name(data, [&](std::size_t, std::string_view name) {
             const auto found = std::find(joints_.begin(), joints_.end(), name);
             places.push_back(static_cast<int>(found - joints_.begin()));
         });
-        if (!usable(parts, places)) return nullptr;
+        if (!usable(parts, places)) return unusable();
         const auto shared = [&](const std::unique_ptr<Source>& other) {
             return std::any_of(places.begin(), places.end(), [&](int joint) {
                 return std::find(other->joints.begin(), other->joints.end(), joint) != other->joints.end();
@@ -129,6 +140,11 @@ class CommandInput {
         sources_.push_back(std::move(source));
         hand_on(*sources_.back());
         return sources_.back().get();
+    }
+
+    Source* unusable() {
+        Statistics::add(unreadable, 1);
+        return nullptr;
     }
 
     bool usable(const JointStateParts& parts, std::vector<int> places) const {
@@ -191,7 +207,7 @@ class TimedLoop : public Loop {
     static constexpr std::int64_t kProgressEvery = 50;    // ticks
 
     TimedLoop(std::int64_t dt_ns, TimedSettings settings, int joints, Commands commands)
-        : Loop(dt_ns), joints(joints), commands(commands), settings_(settings) {
+        : Loop(dt_ns, false), joints(joints), commands(commands), settings_(settings) {
         reset();
     }
 
@@ -217,13 +233,15 @@ class TimedLoop : public Loop {
     }
     std::int64_t tick() const { return tick_.load(); }
     std::int64_t skipped() const { return skipped_.load(); }
+    // Ticks of the wall clock whose command was not there at the next deadline.
+    std::int64_t late() const { return late_.load(); }
 
     const int joints;
     const Commands commands;
     TimedValues values;
     TimedFault fault;
     Clock clock;
-    Step measure, advance;
+    Step measure{nullptr, [](void*, std::int64_t) {}}, advance = measure;
     Program temperature, send;
 
   protected:
@@ -248,7 +266,7 @@ class TimedLoop : public Loop {
         waiting_since_ = ask_again_ = 0;
         impatient_ = false;
         answered_ = true;
-        skipped_.store(0);
+        skipped_.store(0), late_.store(0);
         fault.kind.store(TimedFault::kNone);
     }
 
@@ -391,6 +409,7 @@ class TimedLoop : public Loop {
             prepare(tick);
             if (failed()) return {};
         }
+        if (!answered_) late_.fetch_add(1);
         waiting_since_ = clock.steady_now();
         answered_ = false;
         publish(tick);
@@ -429,7 +448,7 @@ class TimedLoop : public Loop {
     Inbox *inbox_ = nullptr, *recorder_ = nullptr;
     CommandInput* input_ = nullptr;
     Outbox* progress_ = nullptr;
-    std::atomic<std::int64_t> tick_{0}, skipped_{0};
+    std::atomic<std::int64_t> tick_{0}, skipped_{0}, late_{0};
     std::int64_t first_tick_ = 0, deadline_ = -1, published_ = -1, measured_ = -1, reported_ = -1;
     std::int64_t waiting_since_ = 0, ask_again_ = 0, behind_since_ = 0, recorded_ = -1;
     bool impatient_ = false, answered_ = true;

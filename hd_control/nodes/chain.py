@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from hd_control import _chain, _plane
 from hd_control.chain.black_box import BlackBox
 from hd_control.chain.chain import CHAIN_PARTS
 from hd_control.chain.fusion_stage import FusionStage
 from hd_control.chain.motion_stage import MotionStage
-from hd_control.chain.stage import Bus, Stage
+from hd_control.chain.stage import Stage
 from hd_control.chain.torque_stage import TorqueStage
 from hd_control.core.parameters import Change, Parameter, ParameterSet
 from hd_control.laws import fusion, motion, torque
@@ -63,10 +64,9 @@ class ChainNode(StageShell):
             self.torque.watch(self.robot.joint_names, numbers, columns)
         return [fusion_stage, self.motion, self.torque]
 
-    def run_stages(self, tick: int, stamp_ns: int, bus: Bus) -> None:
-        super().run_stages(tick, stamp_ns, bus)
-        mode = self.motion.controller_mode = self.torque.mode
-        self.mode_topic.publish(mode)
+    def after_stages(self, plane: _plane.Loop, program: _plane.Program) -> None:
+        program.step(_chain.ModeLink(self.torque.native, self.motion.native).step_capsule())
+        self.mode_topic.announce(plane, program, self.torque)
 
     def status(self) -> tuple[bytes, str, dict[str, Any]]:
         level, text, values = super().status()

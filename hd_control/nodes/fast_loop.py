@@ -1,35 +1,35 @@
-"""The fast loop: raw messages in, one step, raw messages out, in the main thread and without the executor.
+"""The fast loop: messages in, one tick, messages out, in a thread that does not need the interpreter.
 
 A stock executor needs about half a millisecond per callback, so at 1 kHz over four processes it misses nearly every
-tick. Here the subscriptions belong to a callback group that the executor may never run; the loop waits on them itself,
-as `rclpy/wait_for_message.py` does, and takes the serialised bytes. Messages are made once; compiled code moves their
-bytes into the blocks of a law and back. An executor in a second thread serves parameters, lifecycle, goals and
-diagnostics; nothing in the loop logs. What the loop did is counted with a few stores per tick and summed up outside it.
+tick; a loop in Python waits for the interpreter lock whenever another thread of its process has it. So the loop is
+compiled (`hd_control/cpp/plane.hpp`): it takes the bytes of subscriptions by address, joins them by tick, runs the
+step, publishes and counts. Python makes a loop, switches it and reads its counters. The subscriptions belong to a
+callback group that the executor may never run; an executor in a second thread serves parameters, lifecycle, goals and
+diagnostics.
+
+A step in Python is possible too, for experiments and for laws that are not compiled: the loop then asks for the
+interpreter lock in each tick, and `real_time` of the loop is false.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from array import array
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rclpy.callback_groups import CallbackGroup
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState, Temperature
 
-from hd_control import _messages
-from hd_control._messages import COMPLETE, FOREIGN, OTHER_LAYOUT, REPEATED, STORED
+from hd_control import _plane
 from hd_control.chain.stage import TICK
 from hd_control.core.arrays import FloatArray
 from hd_control.core.topics import TEMPERATURE
-from hd_control.record.cdr import JointStateCodec, TemperatureCodec
+from hd_control.record.cdr import FixedCodec, JointStateCodec, TemperatureCodec
 from hd_control.record.schema import joint_state_codec
 
 # ---- Messages: bytes into blocks, blocks into bytes ------------------------------------------------
@@ -39,10 +39,11 @@ Destinations = Mapping[str, Sequence[tuple[FloatArray, Sequence[int]]]]
 """By array of the message: views to write to, each with the joints (by index in the message) that it takes.
 
 Under `TICK`: where the tick of the message goes."""
+JOINT_FIELDS = ("position", "velocity", "effort")
 
 
-def add_input(join: _messages.Join, codec: JointStateCodec, destinations: Destinations, optional: bool = False) -> None:
-    """Adds an input whose arrays are written straight to their destinations when a message is taken."""
+def make_input(codec: FixedCodec, destinations: Destinations, optional: bool = False) -> _plane.Input:
+    """An input whose arrays are written straight to their destinations when a message is taken."""
     offsets, targets, places = [], [], []
     ((ticks, (tick_place,)),) = destinations.get(TICK, [(None, [0])])
     for name, wanted in destinations.items():
@@ -54,27 +55,29 @@ def add_input(join: _messages.Join, codec: JointStateCodec, destinations: Destin
                 offsets.append(start + 8 * joint)
                 targets.append(view)
                 places.append(place)
-    fixed, mask = codec.fixed_bytes, codec.mask_bytes
-    join.add(fixed, mask, codec.stamp_place, *codec.frame_place, offsets, targets, places, optional,
-             ticks, tick_place)  # fmt: skip
+    fixed, mask, numbers = codec.fixed_bytes, codec.mask_bytes, (offsets, targets, places)
+    return _plane.Input(fixed, mask, codec.stamp_place, *codec.frame_place, *numbers, optional, ticks, tick_place)
 
 
-def make_message(codec: JointStateCodec, run_id: str, places: Mapping[str, Sequence[int]]) -> _messages.Message:
-    """A message whose arrays are taken from the named places of one array of numbers."""
-    template = codec.encode(0, run_id, **{name: np.zeros(len(part)) for name, part in places.items()})
-    copies = []
-    for name, part in places.items():
-        start, _ = codec.places[name]
-        copies += [(start + 8 * row, number) for row, number in enumerate(part)]
-    return _messages.Message(template, codec.stamp_place, copies)
+def make_translator(codec: JointStateCodec, run_id_length: int = 16) -> _plane.Translator:
+    """Messages of other programs, in the layout of this package: mapped by joint name, arrays that are not there "not
+    a number"; empty bytes if joints are missing. It costs ten times as much as reading the layout that is expected.
+    """
+    fields = [(JOINT_FIELDS.index(name), start) for name, (start, _) in codec.places.items()]
+    expected = codec.encode(0, " " * run_id_length)
+    return _plane.Translator(make_input(codec, {}), list(codec.joint_names), expected, fields)
+
+
+def message_runs(codec: FixedCodec, arrays: Mapping[str, FloatArray]) -> list[tuple[int, FloatArray]]:
+    """Where the arrays of a message are taken from: byte offsets with views of the numbers, each in a row."""
+    return [(codec.places[name][0], numbers) for name, numbers in arrays.items()]
 
 
 # ---- What a loop did -------------------------------------------------------------------------------
 
 
-RING = 1024
-"""Ticks that percentiles are taken over: the last second at 1 kHz, and cheap enough to sort beside the loop."""
-PLAUSIBLE_AGE_NS = 10_000_000_000
+LoopStatistics = _plane.Statistics
+"""Counters and a ring of tick times of one loop, percentiles over the newest 1024 ticks."""
 
 
 def missed_percent(plant: Mapping[str, str]) -> float:
@@ -82,69 +85,6 @@ def missed_percent(plant: Mapping[str, str]) -> float:
     skipped, late = float(plant.get("skipped", 0)), float(plant.get("late", 0))
     ticks = float(plant.get("ticks", 0)) + skipped
     return 100.0 * (late + skipped) / ticks if ticks else 0.0
-
-
-class LoopStatistics:
-    """Counters and a ring of tick times of one loop.
-
-    The loop calls `tick`; any other thread may call `summary`. A torn reading of the ring costs one sample of a
-    percentile, never a wrong counter.
-    """
-
-    def __init__(self, dt_ns: int) -> None:
-        self.dt_ns = dt_ns
-        self.ticks = self.missed = self.incomplete = self.late = self.foreign = 0
-        self.last_tick: int | None = None
-        self.max_age_ns = 0
-        self._times = array("q", bytes(8 * RING))
-        self._busy = array("q", bytes(8 * RING))
-        self._answers = array("q", bytes(8 * RING))
-        self._answer_count = 0
-
-    def answer(self, waited_ns: int) -> None:
-        """Notes how long after its sample the complete command of a tick was there (plant only)."""
-        self._answers[self._answer_count % RING] = waited_ns
-        self._answer_count += 1
-
-    def tick(self, tick: int, started_ns: int, finished_ns: int) -> None:
-        """Counts one tick; a step of more than one in the tick number is a gap and counts as missed ticks."""
-        if self.last_tick is not None and tick > self.last_tick + 1:
-            self.missed += tick - self.last_tick - 1
-        self.last_tick = tick
-        slot = self.ticks % RING
-        self._times[slot] = started_ns
-        self._busy[slot] = finished_ns - started_ns
-        self.ticks += 1
-
-    def age(self, stamp_ns: int) -> None:
-        """Notes how long after its scheduled time a sample was used; lock-step stamps are no wall time and left out."""
-        age = time.time_ns() - stamp_ns
-        if self.max_age_ns < age < PLAUSIBLE_AGE_NS:
-            self.max_age_ns = age
-
-    def summary(self) -> dict[str, float]:
-        """Counters, and period and busy time of the last ticks as p50, p99 and maximum, in µs."""
-        counters = ("ticks", "missed", "incomplete", "late", "foreign")
-        found: dict[str, float] = {name: getattr(self, name) for name in counters}
-        found["max_age_us"] = self.max_age_ns / 1000.0
-        count = min(self.ticks, RING)
-        if count > 2:
-            start = self.ticks % RING if self.ticks > RING else 0
-            times = np.roll(np.array(self._times, dtype=np.int64), -start)[:count]
-            _spread(found, "period", np.diff(times))
-            _spread(found, "busy", np.array(self._busy, dtype=np.int64)[:count])
-        if self._answer_count:
-            _spread(found, "answer", np.array(self._answers, dtype=np.int64)[: min(self._answer_count, RING)])
-        self.max_age_ns = 0
-        return found
-
-
-def _spread(found: dict[str, float], name: str, values: NDArray[np.int64]) -> None:
-    """Adds p50, p99 and maximum in µs; by one sort, because this runs beside the loop."""
-    ordered = np.sort(values)
-    last = len(ordered) - 1
-    for label, share in (("p50", 0.5), ("p99", 0.99), ("max", 1.0)):
-        found[f"{name}_{label}_us"] = float(ordered[round(share * last)]) / 1000.0
 
 
 # ---- The loop --------------------------------------------------------------------------------------
@@ -185,53 +125,17 @@ class RawInput:
         self.subscription = node.create_subscription(
             JointState, topic, lambda _: None, chain_qos(depth), callback_group=group, raw=True
         )
-        self._take = self.subscription.handle.take_message
-        self.foreign = self.unreadable = 0
-
-    def take(self) -> bytes | None:
-        """The oldest message waiting, or None."""
-        taken = self._take(JointState, True)
-        return None if taken is None else taken[0]
-
-    def translated(self, data: bytes) -> bytes | None:
-        """A message of another layout in the layout of this package, mapped by joint name; None if joints are missing.
-
-        This is for other programs' nodes; it costs ten times as much as reading the layout that is expected.
-        """
-        message = deserialize_message(data, JointState)
-        names = list(message.name)
-        if not set(self.joint_names) <= set(names):
-            return None
-        order = [names.index(name) for name in self.joint_names]
-        arrays = {}
-        for name in self.codec.fields:
-            numbers = np.array(getattr(message, name))
-            arrays[name] = numbers[order] if len(numbers) == len(names) else np.full(len(order), np.nan)
-        stamp_ns = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
-        run_id = message.header.frame_id.encode("ascii", "replace").decode()
-        return self.codec.encode(stamp_ns, f"{run_id:.16}".ljust(16), **arrays)
 
 
 class TemperatureInput:
     """`motor_temperature`: one message per joint now and then. The newest value of every joint is held, in °C."""
 
     def __init__(self, node: Node, joint_names: Sequence[str], group: HandsOff) -> None:
-        self._codecs = [TemperatureCodec(name) for name in joint_names]
+        self.joint_names = tuple(joint_names)
         self.subscription = node.create_subscription(
             Temperature, TEMPERATURE, lambda _: None, chain_qos(2 * len(joint_names)), callback_group=group, raw=True
         )
-        self._take = self.subscription.handle.take_message
         self.values = {"temperature": np.full(len(joint_names), np.nan)}
-
-    def drain(self) -> bool:
-        """Takes what is waiting into `values`; True if there was anything."""
-        found = False
-        while (taken := self._take(Temperature, True)) is not None:
-            for index, codec in enumerate(self._codecs):
-                if codec.matches(taken[0]):
-                    self.values["temperature"][index] = codec.decode(taken[0])[1]["temperature"][0]
-                    found = True
-        return found
 
 
 def wait_matched(subscriptions: Sequence[Any], publishers: Sequence[Any], timeout: float = 1.0) -> bool:
@@ -264,6 +168,28 @@ class Waiter:
     def wake(self) -> None:
         """Ends the present or the next wait; may be called from any thread."""
         self._guard.trigger_guard_condition()
+
+
+class NativeTurn:
+    """Work of the fast loop that runs compiled from `install` to `remove`. `close` before its topics are destroyed."""
+
+    def __init__(self, plane: _plane.Loop) -> None:
+        self.plane = plane
+        self.statistics = plane.statistics
+
+    def __call__(self) -> None:
+        """Runs until the loop wants the thread back. Raises what a step in Python raised."""
+        self.plane.run()
+
+    @property
+    def kind(self) -> str:
+        """For diagnostics."""
+        how = "compiled" if self.plane.real_time else "not real time: a step in Python"
+        return f"{how}; looks for messages every 0.1 ms" if self.plane.polled else how
+
+    def close(self) -> None:
+        """The end; the loop is outside. No message is taken and none is published after it."""
+        self.plane.close()
 
 
 class FastLoop:
@@ -299,89 +225,75 @@ class FastLoop:
         """Makes `turn` the work of the loop."""
         self.error = None
         self._outside.clear()
+        if isinstance(turn, NativeTurn):
+            turn.plane.rearm()
         self._turn = turn
         self.waiter.wake()
 
     def remove(self, timeout: float = 2.0) -> None:
         """Takes the work away and waits until the loop is outside it, so that its subscriptions may be destroyed."""
-        self._turn = None
-        self.waiter.wake()
+        turn, self._turn = self._turn, None
+        self._wake(turn)
         if not self._stopping:
             self._outside.wait(timeout)
 
     def stop(self) -> None:
         """Ends `run`; safe from any thread and from a signal handler's thread."""
         self._stopping = True
+        self._wake(self._turn)
+
+    def _wake(self, turn: Callable[[], None] | None) -> None:
         self.waiter.wake()
+        if isinstance(turn, NativeTurn):
+            turn.plane.interrupt()
 
 
-class JoinedTurn:
-    """One turn of an event-driven node: wait, take, join by stamp, act.
+class JoinedTurn(NativeTurn):
+    """Work of an event-driven node: take, join by stamp, act.
 
-    `destinations[i]` says where the arrays of input i go; they are written before `act(tick, stamp_ns)` is called; it
-    is called only while `active`; otherwise messages are taken and dropped. The loop waits for the last missing input
-    only: one wake-up per tick.
+    `destinations[i]` says where the arrays of input i go; they are written before the program of the plane runs, which
+    it does only while `active`; otherwise messages are taken and dropped. The loop waits for the last missing input
+    only: one wake-up per tick. Inputs in `optional` count once they have been seen. `poll`: messages are looked for, as
+    where the middleware cannot wake the loop.
     """
+
+    plane: _plane.JoinedLoop
 
     def __init__(
         self,
-        loop: FastLoop,
         inputs: Sequence[RawInput],
         destinations: Sequence[Destinations],
-        act: Callable[[int, int], None],
         dt_ns: int,
         optional: Collection[int] = (),
+        poll: bool = False,
     ) -> None:
-        self._loop, self._inputs, self._step, self._dt_ns = loop, tuple(inputs), act, dt_ns
-        self._destinations, self._optional = tuple(destinations), tuple(optional)
-        self._handles = [(raw.subscription.handle,) for raw in self._inputs]
-        self.active = False
-        self.on_repeat: Callable[[], None] | None = None
-        self.restart()
+        super().__init__(_plane.JoinedLoop(dt_ns, poll))
+        for index, (raw, places) in enumerate(zip(inputs, destinations, strict=True)):
+            made = make_input(raw.codec, places, index in optional)
+            self.plane.add_input(raw.subscription.handle, made, make_translator(raw.codec))
+
+    def add_temperature(self, raw: TemperatureInput, targets: Mapping[str, Sequence[tuple[FloatArray, int]]]) -> None:
+        """Temperatures taken before each tick into the held values and, by joint name, to further places."""
+        rows = []
+        for index, name in enumerate(raw.joint_names):
+            made = make_input(TemperatureCodec(name), {"temperature": [(np.zeros(1), [0])]})
+            rows.append((made, [(raw.values["temperature"], index), *targets.get(name, ())]))
+        self.plane.add_slow(raw.subscription.handle, rows)
 
     def restart(self) -> None:
-        """Forgets ticks and bound run ids; called while not active."""
-        self.join = _messages.Join(self._dt_ns)
-        for index, (raw, places) in enumerate(zip(self._inputs, self._destinations, strict=True)):
-            add_input(self.join, raw.codec, places, index in self._optional)
-        self.statistics = LoopStatistics(self._dt_ns)
+        """Forgets ticks and bound run ids, between two ticks."""
+        self.plane.restart()
 
-    def __call__(self) -> None:
-        self._loop.waiter.wait(self._handles[self.join.last_missing()])
-        join = self.join  # after the wait: an activation may have begun a new one meanwhile
-        for index, raw in enumerate(self._inputs):
-            data = raw.take()
-            if data is not None:
-                outcome = join.offer(index, data)
-                if outcome == COMPLETE:
-                    self._act(join)
-                elif outcome != STORED:
-                    self._unusual(join, index, raw, data, outcome)
+    @property
+    def active(self) -> bool:
+        """Does a complete tick run the program?"""
+        return self.plane.active
 
-    def _unusual(self, join: _messages.Join, index: int, raw: RawInput, data: bytes, outcome: int) -> None:
-        if outcome == OTHER_LAYOUT:
-            translated = raw.translated(data)
-            raw.unreadable += translated is None
-            outcome = FOREIGN if translated is None else join.offer(index, translated)
-            if outcome == COMPLETE:
-                self._act(join)
-        if outcome == FOREIGN:
-            raw.foreign += 1
-        elif outcome == REPEATED and self.active and self.on_repeat is not None:
-            self.on_repeat()
-
-    def _act(self, join: _messages.Join) -> None:
-        if not self.active:
-            return
-        started = time.monotonic_ns()
-        tick, statistics = join.tick, self.statistics
-        stamp_ns = tick * self._dt_ns
-        statistics.age(stamp_ns)
-        self._step(tick, stamp_ns)
-        statistics.incomplete = join.incomplete
-        statistics.tick(tick, started, time.monotonic_ns())
+    @active.setter
+    def active(self, active: bool) -> None:
+        self.plane.set_active(active)
 
     @property
     def tick(self) -> int:
         """The newest tick seen; -1 before the first."""
-        return self.join.tick
+        return self.plane.tick

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -21,7 +21,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from std_msgs.msg import String
 
+from hd_control import _plane
 from hd_control.chain.chain import COMMON, for_joints, shipped_values
+from hd_control.core.arrays import FloatArray
 from hd_control.core.clock_watch import ClockWatch
 from hd_control.core.errors import ConfigError, HdError
 from hd_control.core.faults import Action, Fault, FaultCode
@@ -367,14 +369,32 @@ class Introspection:
         self._names.publish(String(data="\n".join(names)))
         self._values = node.create_publisher(Float64MultiArray, f"{base}/values", chain_qos(100))
         self._codec = ValuesCodec(len(names))
+        self._outbox: _plane.Outbox | None = None
         self.count = len(names)
-        self.on = bool(node.values["introspection"])
+        self._on = bool(node.values["introspection"])
 
-    def publish(self, numbers: Any) -> None:
-        """One row; called in the loop only while `on`."""
-        self._values.handle.publish_raw(self._codec.encode(data=numbers))
+    @property
+    def on(self) -> bool:
+        """Are values published?"""
+        return self._on
+
+    @on.setter
+    def on(self, on: bool) -> None:
+        self._on = on
+        if self._outbox is not None:
+            self._outbox.switch(on)
+
+    def outbox(self, plane: _plane.Loop, numbers: Sequence[FloatArray]) -> _plane.Outbox:
+        """The rows in a loop: the numbers, `count` in all, are taken from where they are, one array after the other."""
+        runs, at = [], self._codec.places["data"][0]
+        for part in numbers:
+            runs.append((at, part))
+            at += 8 * part.size
+        self._outbox = plane.outbox(self._values.handle, self._codec.encode(), _plane.NO_STAMP, runs)
+        self._outbox.switch(self._on)
+        return self._outbox
 
     def destroy(self, node: Shell) -> None:
-        """Removes both topics."""
+        """Removes both topics; the loop is closed."""
         node.destroy_publisher(self._names)
         node.destroy_publisher(self._values)

@@ -5,35 +5,31 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
 from sensor_msgs.msg import JointState
 
+from hd_control import _chain, _plane
 from hd_control.chain.stage import Bus, Stage
 from hd_control.core import topics
 from hd_control.core.arrays import FloatArray
 from hd_control.core.parameters import ParameterSet
-from hd_control.nodes.fast_loop import JoinedTurn, RawInput, TemperatureInput, chain_qos, make_message, wait_matched
+from hd_control.nodes.fast_loop import JoinedTurn, RawInput, TemperatureInput, chain_qos, message_runs, wait_matched
 from hd_control.nodes.shell import OK, Introspection, Shell, foreign_report
 from hd_control.record.schema import joint_state_codec
 
 
 class Output:
-    """A chain topic of some joints, published as bytes with the run id of the node.
+    """A chain topic of some joints, published as bytes with the run id of the node."""
 
-    `places` says where its arrays lie in the array of numbers that `publish` is given.
-    """
-
-    def __init__(
-        self, node: Shell, topic: str, joint_names: Sequence[str], places: Mapping[str, Sequence[int]]
-    ) -> None:
+    def __init__(self, node: Shell, topic: str, joint_names: Sequence[str]) -> None:
+        self.topic = topic
         self.publisher = node.create_publisher(JointState, topic, chain_qos(node.values["publisher_depth"]))
-        self._publish = self.publisher.handle.publish_raw
-        codec = joint_state_codec(topic, joint_names)
-        self._encode = make_message(codec, node.run_id, places).encode
+        self._codec = joint_state_codec(topic, joint_names)
+        self._template = self._codec.encode(0, node.run_id)
 
-    def publish(self, stamp_ns: int, numbers: FloatArray) -> None:
-        """One message."""
-        self._publish(self._encode(stamp_ns, numbers))
+    def outbox(self, plane: _plane.Loop, arrays: Mapping[str, FloatArray]) -> _plane.Outbox:
+        """The message in a loop: its arrays are taken from where they are."""
+        runs = message_runs(self._codec, arrays)
+        return plane.outbox(self.publisher.handle, self._template, self._codec.stamp_place, runs)
 
 
 def prefixed(parameters: ParameterSet, prefix: str) -> ParameterSet:
@@ -51,16 +47,19 @@ def prefixed(parameters: ParameterSet, prefix: str) -> ParameterSet:
 
 
 class StageShell(Shell):
-    """Runs `stages` in order whenever all inputs of one tick have arrived, and publishes what each makes."""
+    """Runs `stages` in order whenever all inputs of one tick have arrived, and publishes what each makes.
+
+    What happens in a tick is a compiled list (`_wire`); the steps are the stages' own.
+    """
 
     def __init__(self, name: str, own: ParameterSet, prefixes: Sequence[str] = ("",)) -> None:
         self.prefixes = tuple(prefixes)
         self.stages: list[Stage] = []
-        self._turn: JoinedTurn | None = None
+        self.inputs: list[RawInput] = []
+        self.temperature: TemperatureInput | None = None
         self.outputs: list[list[Output]] = []
-        self._optional: list[tuple[int, str]] = []
-        self._waived: list[tuple[int, str]] = []
-        self._answer_stamp_ns = 0
+        self._turn: JoinedTurn | None = None
+        self._wired: list[Any] = []
         super().__init__(name, own)
 
     def make_stages(self, values: Mapping[str, Any]) -> list[Stage]:
@@ -78,40 +77,29 @@ class StageShell(Shell):
         for stage, params in zip(self.stages, prepared, strict=True):
             stage.adopt(params)
 
+    # ---- topics -----------------------------------------------------------------------------------------------
+
     def build(self) -> Callable[[], None]:
         made = [topic for stage in self.stages for topic in stage.wiring.outputs]
-        wanted = list(
-            dict.fromkeys(topic for stage in self.stages for topic in stage.wiring.inputs if topic not in made)
-        )
+        wanted = dict.fromkeys(topic for stage in self.stages for topic in stage.wiring.inputs if topic not in made)
         self.inputs = [RawInput(self, topic, self.robot.joint_names, self.group) for topic in wanted]
+        if self.stages[0].wiring.slow:
+            self.temperature = TemperatureInput(self, self.robot.joint_names, self.group)
+        self.make_outputs()
+        return self._wire()
+
+    def make_outputs(self) -> None:
+        """The topics of every stage, and the node's introspection."""
+        self.outputs = [[Output(self, t, stage.joint_names) for t in stage.wiring.outputs] for stage in self.stages]
         self.introspection = Introspection(self, [name for stage in self.stages for name in stage.names()])
-        self.outputs = self.make_outputs()
-        first = self.stages[0]
-        slow = bool(first.wiring.slow)
-        self.temperature = TemperatureInput(self, self.robot.joint_names, self.group) if slow else None
-        optional = [index for index, topic in enumerate(wanted) if topic in first.wiring.optional]
-        self._optional = [(index, wanted[index]) for index in optional]
-        destinations = [first.destinations(topic) for topic in wanted]
-        self._turn = JoinedTurn(self.loop, self.inputs, destinations, self._tick, self.dt_ns, optional=optional)
-        self._turn.on_repeat = self._answer_again
-        return self._turn
 
-    def begin(self) -> None:
-        assert self._turn is not None
-        wait_matched([raw.subscription for raw in self.inputs], self.publishers)
-        self._turn.restart()
-        self._waived = list(self._optional)
-        if self.temperature is not None:
-            self.stages[0].read_slow({topics.TEMPERATURE: self.temperature.values})
-        for stage in self.stages:
-            stage.start()
-        self._turn.active = True
+    @property
+    def publishers(self) -> list[Any]:
+        """Publishers of all stages."""
+        return [output.publisher for outputs in self.outputs for output in outputs]
 
-    def end(self) -> None:
-        if self._turn is not None:
-            self._turn.active = False
-
-    def dismantle(self) -> None:
+    def destroy_topics(self) -> None:
+        """Destroys what `build` created; the loop is closed."""
         for raw in (*self.inputs, *filter(None, [self.temperature])):
             self.destroy_subscription(raw.subscription)
         for publisher in self.publishers:
@@ -120,61 +108,102 @@ class StageShell(Shell):
             self.introspection.destroy(self)
             self.introspection = None
 
+    # ---- the compiled tick ------------------------------------------------------------------------------------
+
+    def _wire(self) -> JoinedTurn:
+        """The list of a tick on the memory that the stages have now."""
+        first = self.stages[0]
+        optional = [index for index, raw in enumerate(self.inputs) if raw.topic in first.wiring.optional]
+        destinations = [first.destinations(raw.topic) for raw in self.inputs]
+        self._turn = turn = JoinedTurn(self.inputs, destinations, self.dt_ns, optional)
+        for index in optional:
+            for target, source in first.stand_ins(self.inputs[index].topic):
+                turn.plane.substitute(index, target, source)
+        if self.temperature is not None:
+            turn.add_temperature(self.temperature, self._temperature_targets())
+        self.add_stages(turn.plane, turn.plane.program, {}, turn.plane.again)
+        self._wired = [stage.native for stage in self.stages]
+        return turn
+
+    def _temperature_targets(self) -> dict[str, list[tuple[FloatArray, int]]]:
+        """By joint name: where the first stage keeps its temperature."""
+        first = self.stages[0]
+        views = [
+            first.sample.view(name) for name, (topic, _) in first.wiring.slow.items() if topic == topics.TEMPERATURE
+        ]
+        return {name: [(view, place) for view in views] for place, name in enumerate(first.joint_names)}
+
+    def add_stages(
+        self, plane: _plane.Loop, program: _plane.Program, bus: Bus, again: _plane.Program | None = None
+    ) -> None:
+        """All stages in a row, each result sent as soon as it is there. `bus`: where the inputs of the first are.
+
+        `again` sends the answer of the present tick to a sender that has not got it: a message may be lost while nodes
+        find each other.
+        """
+        for stage, outputs in zip(self.stages, self.outputs, strict=True):
+            for _, source, target in stage.copies(bus):
+                program.copy(source, target)
+            if bus and stage.input_ticks is not None:
+                stamp = _chain.Sequence()
+                stamp.stamp(stage.input_ticks)
+                program.step(stamp.step_capsule())
+            program.step(stage.step_capsule())
+            made = stage.outgoing_arrays()
+            for output in outputs:
+                outbox = output.outbox(plane, made[output.topic])
+                program.send(outbox)
+                if again is not None:
+                    again.send(outbox)
+            bus = bus | made
+        self.after_stages(plane, program)
+        if self.introspection is not None:
+            numbers = [part for stage in self.stages for part in stage.numbers()]
+            program.send(self.introspection.outbox(plane, numbers))
+
+    def after_stages(self, plane: _plane.Loop, program: _plane.Program) -> None:
+        """What else happens in a tick."""
+
+    # ---- lifecycle --------------------------------------------------------------------------------------------
+
+    def begin(self) -> None:
+        for stage in self.stages:
+            stage.start()
+        if self._wired != [stage.native for stage in self.stages]:  # another law in the same place has other memory
+            self._rewire()
+        assert self._turn is not None
+        wait_matched([raw.subscription for raw in self.inputs], self.publishers)
+        self._turn.restart()
+        if self.temperature is not None:
+            self.stages[0].read_slow({topics.TEMPERATURE: self.temperature.values})
+        self._turn.active = True
+
+    def _rewire(self) -> None:
+        self.loop.remove()
+        if self._turn is not None:
+            self._turn.close()
+        self.loop.install(self._wire())
+
+    def end(self) -> None:
+        if self._turn is not None:
+            self._turn.active = False
+
+    def dismantle(self) -> None:
+        if self._turn is not None:
+            self._turn.close()
+            self._turn = None
+        self.destroy_topics()
+
     def emergency(self, error: BaseException | None = None) -> None:
         for stage in self.stages:
             stage.emergency(error)
 
-    def make_outputs(self) -> list[list[Output]]:
-        """The topics of every stage; after its `names`."""
-        return [
-            [Output(self, topic, stage.joint_names, stage.outgoing_places(topic)) for topic in stage.wiring.outputs]
-            for stage in self.stages
-        ]
-
-    @property
-    def publishers(self) -> list[Any]:
-        """Publishers of all stages."""
-        return [output.publisher for outputs in self.outputs for output in outputs]
-
-    def _answer_again(self) -> None:
-        """The sender of the present tick has no answer yet: a message was lost while nodes were finding each other."""
-        for stage, outputs in zip(self.stages, self.outputs, strict=True):
-            for output in outputs:
-                output.publish(self._answer_stamp_ns, stage.outgoing)
-
-    def run_stages(self, tick: int, stamp_ns: int, bus: Bus) -> None:
-        """All stages in a row, each result published as soon as it is there. The first stage has its inputs already."""
-        last = len(self.stages) - 1
-        for index, stage in enumerate(self.stages):
-            if index > 0:
-                stage.read(bus, tick)
-            stage.act(tick)
-            numbers = stage.outgoing
-            for output in self.outputs[index]:
-                output.publish(stamp_ns, numbers)
-            if index < last:
-                bus.update(stage.results())
-        self._answer_stamp_ns = stamp_ns
-        introspection = self.introspection
-        if introspection is not None and introspection.on:
-            introspection.publish(np.concatenate([part for stage in self.stages for part in stage.numbers()]))
-
-    def _tick(self, tick: int, stamp_ns: int) -> None:
-        first, turn = self.stages[0], self._turn
-        if self.temperature is not None and self.temperature.drain():
-            first.read_slow({topics.TEMPERATURE: self.temperature.values})
-        if self._waived and turn is not None:
-            self._waived = [(index, topic) for index, topic in self._waived if not turn.join.seen(index)]
-            for _, topic in self._waived:
-                first.absent(topic)
-        self.run_stages(tick, stamp_ns, {})
-
     def status(self) -> tuple[bytes, str, dict[str, Any]]:
         values: dict[str, Any] = {}
         if self._turn is not None:
-            self._turn.statistics.foreign = sum(raw.foreign for raw in self.inputs)
-            values |= self._turn.statistics.summary()
-            values |= foreign_report(self, {raw.topic: raw.foreign - raw.unreadable for raw in self.inputs})
+            plane = self._turn.plane
+            values |= {"loop": self._turn.kind, **plane.statistics.summary()}
+            values |= foreign_report(self, {raw.topic: plane.dropped(i)[0] for i, raw in enumerate(self.inputs)})
         level, texts = OK, []
         for stage in self.stages:
             stage_level, text, found = stage.report()

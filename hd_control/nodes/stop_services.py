@@ -20,8 +20,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from hd_control import _plane
 from hd_control.chain.black_box import BlackBox
 from hd_control.chain.motion_stage import MODES, MotionStage
+from hd_control.chain.torque_stage import TorqueStage
 from hd_control.core import topics
 from hd_control.core.errors import BagError
 from hd_control.core.parameters import Change, Parameter, params_text
@@ -142,18 +144,17 @@ NODES = 32
 
 
 class ModePublisher:
-    """Publishes the mode of one torque law when it changes; called in the loop."""
+    """Publishes the mode of one torque law when it changes."""
 
     def __init__(self, node: Shell) -> None:
         self._name = node.get_fully_qualified_name()
         self._publisher = node.create_publisher(String, topics.MODE, latched_qos())
-        self._published = ""
 
-    def publish(self, mode: str) -> None:
-        """The mode of this tick."""
-        if mode != self._published:
-            self._published = mode
-            self._publisher.handle.publish_raw(encode_text(f"{self._name} {mode}"))
+    def announce(self, plane: _plane.Loop, program: _plane.Program, stage: TorqueStage) -> None:
+        """The mode after this place of a loop's list."""
+        texts = [encode_text(f"{self._name} {mode}") for mode in MODES]
+        outbox = plane.outbox(self._publisher.handle, texts[0], _plane.NO_STAMP, [])
+        program.announce(outbox, stage.native.mode_capsule(), [b"", *texts])
 
 
 class ModeInput:

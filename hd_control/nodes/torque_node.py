@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from hd_control.chain.stage import Bus, Stage
+from hd_control import _plane
+from hd_control.chain.stage import Stage
 from hd_control.chain.torque_stage import TorqueStage
 from hd_control.core.parameters import ParameterSet
 from hd_control.laws import torque
@@ -37,9 +38,8 @@ class TorqueNode(StageShell):
         self.torque = TorqueStage(self.robot, self.dt, names, safety_limits(values["limits"], names, self.dt))
         return [self.torque]
 
-    def run_stages(self, tick: int, stamp_ns: int, bus: Bus) -> None:
-        super().run_stages(tick, stamp_ns, bus)
-        self.mode_topic.publish(self.torque.mode)
+    def after_stages(self, plane: _plane.Loop, program: _plane.Program) -> None:
+        self.mode_topic.announce(plane, program, self.torque)
 
     def status(self) -> tuple[bytes, str, dict[str, Any]]:
         level, text, values = super().status()

@@ -179,13 +179,17 @@ SLOWEST = 20.0
 """Wall seconds allowed for one second of ticks."""
 
 
+QUEUE = 1000
+"""Messages that may wait to be heard: what is measured now may be so many ticks old where lock-step runs fast."""
+
+
 class TrackingWatch:
     """Listens to `joint_reference` and `joint_states`; the node must be spun by another thread."""
 
     def __init__(self, node: Node) -> None:
         self._positions: dict[str, dict[int, JointState]] = {topics.REFERENCE: {}, topics.JOINT_STATES: {}}
         for topic, kept in self._positions.items():
-            node.create_subscription(JointState, topic, self._keeper(kept), chain_qos(1000))
+            node.create_subscription(JointState, topic, self._keeper(kept), chain_qos(QUEUE))
 
     def _keeper(self, kept: dict[int, JointState]):  # type: ignore[no-untyped-def]
         def keep(message: JointState) -> None:
@@ -204,6 +208,12 @@ class TrackingWatch:
                 return self._rms(both)
             time.sleep(0.05)
         raise HdError(f"joint_reference and joint_states did not carry {seconds:g} s of ticks; is the robot active?")
+
+    def settle(self, seconds: float) -> None:
+        """Lets `seconds` of ticks pass, and as many as were on their way when this was called."""
+        _, waiting = self.measure(0.01), list(self._both())
+        period = (waiting[-1] - waiting[0]) / (len(waiting) - 1) * 1e-9
+        self.measure(seconds + QUEUE * period)
 
     def _both(self) -> list[int]:
         reference, states = (list(self._positions[name]) for name in (topics.REFERENCE, topics.JOINT_STATES))

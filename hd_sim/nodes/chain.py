@@ -8,56 +8,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import numpy as np
 from rclpy.node import Node
 
 from hd_control.chain.black_box import BlackBox
 from hd_control.chain.chain import shipped_values
-from hd_control.chain.stage import Bus
 from hd_control.core import topics
-from hd_control.core.blocks import Block
 from hd_control.core.robot import Robot
 from hd_control.nodes.chain import ChainNode
 from hd_control.nodes.fast_loop import wait_matched
 from hd_control.nodes.process import run_node
-from hd_control.nodes.shell import Introspection
 from hd_control.safety.limits import safety_limits
 from hd_sim.nodes.plant_node import PARAMETERS, plant_config
-from hd_sim.nodes.plant_topics import TopicSeam, plant_status
+from hd_sim.nodes.plant_topics import PlantTopics, plant_status
 from hd_sim.nodes.plant_turn import PlantTurn
 from hd_sim.plant_config import PlantConfig
 from hd_sim.world import World, sensor_arrays
-
-# ---- Chain and plant in one thread -----------------------------------------------------------------
-
-
-class InnerSeam(TopicSeam):
-    """Publishes the plant's topics and runs the chain on the readings at once; the command needs no topic."""
-
-    def __init__(self, node: ChainWithPlant, world: World, lockstep: bool) -> None:
-        super().__init__(node, world, lockstep)
-        self._chain = node
-        self._held = {"temperature": np.full(len(world.joint_names), np.nan)}
-        self._pending: tuple[int, Any] | None = None
-
-    def send_temperature(self, stamp_ns: int, temperature: Any) -> None:
-        super().send_temperature(stamp_ns, temperature)
-        self._held = {"temperature": temperature}
-
-    def send(self, tick: int, stamp_ns: int, sample: Block) -> None:
-        super().send(tick, stamp_ns, sample)
-        bus: Bus = {**sensor_arrays(sample), topics.TEMPERATURE: self._held}
-        self._chain.stages[0].read(bus, tick)
-        self._chain.run_stages(tick, stamp_ns, bus)
-        self._pending = tick, self._chain.torque.allowed
-
-    def collect(self, timeout_ns: int) -> None:
-        if self._pending is not None:
-            tick, torque = self._pending
-            self._pending = None
-            self._world.command(slice(None), torque, tick)
-        elif timeout_ns > 0:
-            self._node.loop.waiter.wait((), timeout_ns)
 
 
 class ChainWithPlant(ChainNode):
@@ -88,28 +53,40 @@ class ChainWithPlant(ChainNode):
         limits = safety_limits(self.values["limits"], self.robot.joint_names, self.dt)
         self.world = World(self.config, limits, self.values["seed"])
         lockstep = self.values["clock"] == "lockstep"
-        self.inputs, self.temperature = [], None
-        self.introspection = Introspection(self, [name for stage in self.stages for name in stage.names()])
-        self.outputs = self.make_outputs()
-        self.seam = InnerSeam(self, self.world, lockstep)
-        lag = self.values["lockstep_recorder_lag"]
-        self.plant_turn = PlantTurn(self.loop, self.world, self.seam, self.dt_ns, lockstep, lag)
-        self.plant_turn.live_values(self.values)
-        return self.plant_turn
+        self.make_outputs()
+        self.plant_turn = turn = PlantTurn(self.world, self.dt_ns, lockstep, self.values["lockstep_recorder_lag"])
+        self.seam = PlantTopics(self, self.world, turn, lockstep, commands=False)
+        self._add_chain(turn)
+        turn.live_values(self.values)
+        return turn
+
+    def _add_chain(self, turn: PlantTurn) -> None:
+        """All stages on the readings of the plant, after these are sent; the command needs no topic."""
+        self.seam.send_readings(turn)
+        send, first = turn.plane.send, self.stages[0]
+        held = turn.sensors.view("motor_temperature")
+        for _, source, target in first.copies({topics.TEMPERATURE: {"temperature": held}}):
+            turn.plane.temperature.copy(source, target)
+        self.add_stages(turn.plane, send, sensor_arrays(turn.sensors))
+        turn.plane.offer(self.torque.allowed)
+        self._wired = [stage.native for stage in self.stages]
 
     def begin(self) -> None:
         wait_matched([], [] if self.values["lockstep_recorder_lag"] == 0 else self.seam.sensor_publishers)
         for stage in self.stages:
             stage.start()
         if self.plant_turn is not None:
+            if self._wired != [stage.native for stage in self.stages]:
+                self._add_chain(self.plant_turn)
             self.plant_turn.start()
-            self.plant_turn.active = True
 
     def end(self) -> None:
         if self.plant_turn is not None:
-            self.plant_turn.active = False
+            self.plant_turn.stop()
 
     def dismantle(self) -> None:
+        if self.plant_turn is not None:
+            self.plant_turn.close()
         super().dismantle()
         self.black_boxes.collect(True)
         self.seam.destroy()

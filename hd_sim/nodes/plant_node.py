@@ -18,7 +18,7 @@ from hd_control.nodes.process import run_node
 from hd_control.nodes.shell import OK, Shell
 from hd_control.nodes.stop_services import BLACK_BOX, serve_black_box, serve_reset
 from hd_control.safety.limits import LIMITS, safety_limits
-from hd_sim.nodes.plant_topics import TopicSeam, plant_status
+from hd_sim.nodes.plant_topics import PlantTopics, plant_status
 from hd_sim.nodes.plant_turn import PlantTurn
 from hd_sim.plant_config import PlantConfig
 from hd_sim.truth import HiddenEffect, apply_hidden, nominal
@@ -144,25 +144,25 @@ class PlantNode(Shell):
         config, limits = self.prepared
         self.world = World(config, limits, self.values["seed"])
         lockstep = self.values["clock"] == "lockstep"
-        self.seam = TopicSeam(self, self.world, lockstep)
-        lag = self.values["lockstep_recorder_lag"]
-        self.turn = PlantTurn(self.loop, self.world, self.seam, self.dt_ns, lockstep, lag)
+        self.turn = PlantTurn(self.world, self.dt_ns, lockstep, self.values["lockstep_recorder_lag"])
+        self.seam = PlantTopics(self, self.world, self.turn, lockstep)
         self.turn.live_values(self.values)
         return self.turn
 
     def begin(self) -> None:
         if self.turn is None:
             raise ConfigError("plant_node is not configured")
-        self.seam.commands.release()
-        wait_matched([self.seam.commands.subscription], self.seam.sensor_publishers)
+        self.turn.plane.release()
+        wait_matched([self.seam.commands], self.seam.sensor_publishers)
         self.turn.start()
-        self.turn.active = True
 
     def end(self) -> None:
         if self.turn is not None:
-            self.turn.active = False
+            self.turn.stop()
 
     def dismantle(self) -> None:
+        if self.turn is not None:
+            self.turn.close()
         self.seam.destroy()
         self.black_boxes.collect(True)
         self.turn = self.world = None

@@ -16,7 +16,7 @@ def test_g13_clock_jumps(monkeypatch):
             clock = FakeClock()
             put_in_place(patch, clock)
             different += hash_of_run(clock, random_jumps(SEED + number, min(PER_RUN, jumps))) != plain
-    sent = wall_ticks(FakeClock(), random_jumps(SEED, min(jumps, 200)), monkeypatch, 800)
+    sent = wall_ticks(random_jumps(SEED, min(jumps, 200)), 800)
     steady = all(after[0] - before[0] == 1 for before, after in zip(sent[:-1], sent[1:], strict=True))
     words = f"{different} runs differ after {jumps} jumps{enough(jumps, JUMPS)}; ticks of the wall clock "
     words += "rise one by one" if steady else "DO NOT rise one by one"

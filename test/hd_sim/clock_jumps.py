@@ -2,7 +2,6 @@
 
 import hashlib
 import time
-from types import SimpleNamespace
 
 import numpy as np
 from fault_injection import Case, Injection, make_runner, start_motion
@@ -68,31 +67,27 @@ def random_jumps(seed, count):
     return [(int(tick), float(random.choice(JUMPS))) for tick in ticks]
 
 
-def wall_ticks(clock, jumps, monkeypatch, count=300):
+def wall_ticks(jumps, count=300):
     """Tick numbers and stamps that the plant's loop on the wall clock publishes while the system clock jumps."""
-    from hd_sim.nodes import plant_turn
+    from hd_control import _plane
 
-    monkeypatch.setattr(
-        plant_turn, "sleep_until", lambda deadline: setattr(clock, "steady_ns", max(clock.steady_ns, deadline))
-    )
-    monkeypatch.setattr(plant_turn.time, "time_ns", clock.time_ns)
-    monkeypatch.setattr(plant_turn.time, "monotonic_ns", clock.monotonic_ns)
-    sent, pending = [], dict(jumps)
+    table = _plane.CommandTable(1)
+    table.ticks[:] = 2**60  # every command is there
+    loop = _plane.TimedLoop(1_000_000, False, 0, 100, 1, table.commands_capsule())
+    clock, sent, pending = FakeClock(), [], dict(jumps)
+    loop.pretend_clock(clock.steady_ns, clock.time_ns() - clock.steady_ns)
 
-    def send(tick, stamp_ns, sample):
-        sent.append((tick, stamp_ns))
+    def send(tick):
+        sent.append((tick, tick * 1_000_000))
         if len(sent) in pending:
             clock.jump(pending[len(sent)])
+            loop.pretend_clock(loop.steady_ns, clock.time_ns() - clock.steady_ns)
+        if len(sent) == count:
+            loop.interrupt()
 
-    sample = SimpleNamespace(motor_temperature=np.zeros(1))
-    seam = SimpleNamespace(complete=lambda tick: True)
-    world = SimpleNamespace(seam=seam, measure=lambda tick: sample, advance=lambda: None)
-    topics = SimpleNamespace(
-        send=send, send_temperature=lambda *_: None, collect=lambda _: None, progress=lambda _: None
-    )
-    turn = plant_turn.PlantTurn(SimpleNamespace(), world, topics, 1_000_000, lockstep=False, recorder_lag=0)
-    turn.active = True
-    while len(sent) < count:
-        turn()
-    assert turn.skipped == 0
+    loop.send.step(send)
+    loop.start()
+    loop.run()
+    assert loop.skipped == 0
+    loop.close()
     return sent

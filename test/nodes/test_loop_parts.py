@@ -6,21 +6,20 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hd_control import _messages
-from hd_control._messages import AHEAD, COMPLETE, FOREIGN, OTHER_LAYOUT, REPEATED, STALE, STORED
+from hd_control import _plane
+from hd_control._plane import AHEAD, COMPLETE, FOREIGN, OTHER_LAYOUT, REPEATED, STALE, STORED
 from hd_control.chain.black_box import FaultBook
 from hd_control.chain.chain import for_joints
 from hd_control.core.errors import ConfigError
 from hd_control.core.faults import Action, Fault, FaultCode
 from hd_control.core.parameters import Parameter, ParameterSet, Shape
-from hd_control.nodes.fast_loop import JoinedTurn, LoopStatistics, add_input, make_message
+from hd_control.nodes.fast_loop import LoopStatistics, make_input, message_runs
 from hd_control.record.cdr import JointStateCodec
 from hd_control.session.session import RunPlan
 
@@ -36,10 +35,11 @@ class Inputs:
     """A join of some inputs, each with its own place to write to."""
 
     def __init__(self, count: int, optional: tuple[int, ...] = ()) -> None:
-        self.join = _messages.Join(PERIOD_NS)
+        self.join = _plane.Join(PERIOD_NS)
         self.numbers = np.zeros((count, len(NAMES)))
         for index in range(count):
-            add_input(self.join, CODEC, {"position": [(self.numbers[index], range(len(NAMES)))]}, index in optional)
+            place = {"position": [(self.numbers[index], range(len(NAMES)))]}
+            self.join.add(make_input(CODEC, place, index in optional))
 
     def offer(self, index: int, tick: int, run_id: str = "0" * 16) -> int:
         value = [tick, index]
@@ -134,13 +134,14 @@ def test_any_bytes_are_refused_without_a_trace(data: bytes, cut: int) -> None:
 
 def test_a_compiled_message_is_the_codecs_message() -> None:
     numbers = np.array([9.0, 1.5, -2.5, 7.0])
-    message = make_message(CODEC, "f" * 16, {"position": range(1, 3)})
+    runs = message_runs(CODEC, {"position": numbers[1:3]})
+    message = _plane.Message(CODEC.encode(0, "f" * 16), CODEC.stamp_place, runs)
     for stamp_ns in (0, 1_234_567_890_123, 2_000_000_000_000_000_000):
-        assert message.encode(stamp_ns, numbers) == CODEC.encode(stamp_ns, "f" * 16, position=numbers[1:3])
+        assert message.fill(stamp_ns) == CODEC.encode(stamp_ns, "f" * 16, position=numbers[1:3])
 
 
 def test_gaps_in_the_tick_count_as_missed() -> None:
-    statistics = LoopStatistics(1_000_000)
+    statistics = LoopStatistics()
     for tick in (10, 11, 14, 15):
         statistics.tick(tick, tick * 1_000_000, tick * 1_000_000 + 50_000)
     found = statistics.summary()
@@ -149,7 +150,7 @@ def test_gaps_in_the_tick_count_as_missed() -> None:
 
 
 def test_statistics_of_a_full_ring_are_those_of_the_newest_ticks() -> None:
-    statistics = LoopStatistics(1_000_000)
+    statistics = LoopStatistics()
     for tick in range(20_000):
         statistics.tick(tick, tick * (1_000_000 if tick < 5000 else 2_000_000), 0)
     assert statistics.summary()["period_max_us"] == 2000.0
@@ -191,62 +192,6 @@ def test_shipped_lists_are_cut_to_the_robot_by_name() -> None:
 def test_an_unknown_node_is_refused() -> None:
     with pytest.raises(ConfigError, match="no node 'torque'"):
         RunPlan(nodes=("torque",))
-
-
-def test_an_activation_during_the_wait_never_makes_a_tick_of_its_own() -> None:
-    """The first message after `restart` is joined by the new join: its tick is the message's, never -1."""
-
-    class Raw:
-        codec, foreign = CODEC, 0
-        subscription = SimpleNamespace(handle=None)
-
-        def take(self) -> bytes:
-            return CODEC.encode(0, "0" * 16, position=[1, 2])
-
-    numbers, acted = np.zeros(2), []
-    loop = SimpleNamespace(waiter=SimpleNamespace(wait=lambda handles: turn.restart()))
-    places = [{"position": [(numbers, range(2))]}]
-    turn = JoinedTurn(loop, [Raw()], places, lambda tick, stamp_ns: acted.append((tick, stamp_ns)), PERIOD_NS)
-    turn.active = True
-    turn()
-    assert acted == [(0, 0)] and turn.tick == 0
-
-
-def test_the_recorder_reports_its_slowest_topic() -> None:
-    """A lock-step plant runs at most the recorder's lag ahead of what is reported: a late topic must hold it back,
-    or its publisher overwrites what was not delivered yet."""
-    from hd_control.nodes.recorder_node import NEEDED, RecorderTurn
-    from hd_control.record.schema import joint_state_codec
-
-    waiting: dict[str, list[bytes]] = {name: [] for name in NEEDED}
-
-    def topic(name: str) -> SimpleNamespace:
-        queue = waiting[name]
-        take = lambda kind, raw: (queue.pop(0), None) if queue else None  # noqa: E731
-        handle = SimpleNamespace(get_publisher_count=lambda: 1)
-        return SimpleNamespace(
-            name=name, path=f"/{name}", kind=None, chain=True, take=take, subscription=SimpleNamespace(handle=handle)
-        )
-
-    def arrive(name: str, tick: int) -> None:
-        codec = joint_state_codec(name, ("a",))
-        columns = {field: np.zeros(1) for field in codec.fields}
-        waiting[name].append(codec.encode(tick * 1_000_000, "run_000000000000", **columns))
-
-    reported: list[int] = []
-    turn = RecorderTurn(None, [topic(name) for name in NEEDED], 1_000_000, reported.append)  # type: ignore[arg-type]
-    turn.recorder = SimpleNamespace(offer=lambda *_: None, tend=lambda _: None)  # type: ignore[assignment]
-    turn._announced = True
-    for name in NEEDED[:-1]:
-        arrive(name, 300)
-    turn.collect()
-    assert reported == []
-    arrive(NEEDED[-1], 120)
-    turn.collect()
-    assert reported == [120]
-    arrive(NEEDED[-1], 310)
-    turn.collect()
-    assert reported == [120, 300]
 
 
 def test_only_the_loop_keeps_real_time():

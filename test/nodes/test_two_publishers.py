@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 from hd_control.nodes.fast_loop import LoopStatistics
 from hd_control.nodes.shell import foreign_report
-from hd_sim.nodes.plant_topics import TopicSeam, plant_status
+from hd_sim.nodes.plant_topics import PlantTopics, plant_status
 
 TORQUE = SimpleNamespace(node_namespace="/", node_name="torque_node")
 MINE = SimpleNamespace(node_namespace="/x", node_name="mine")
@@ -19,11 +19,14 @@ def node_with(*publishers):
 
 def status(foreign, late=0, skipped=0, unreadable=0):
     """The plant's diagnostics with some foreign commands and two publishers in the graph."""
-    commands = SimpleNamespace(foreign=foreign, unreadable=unreadable)
-    seam = SimpleNamespace(commands=commands, _node=node_with(MINE, TORQUE))
-    seam.foreign_report = lambda: TopicSeam.foreign_report(seam)
-    turn = SimpleNamespace(statistics=LoopStatistics(1_000_000), tick=5, skipped=skipped, fault="")
-    world = SimpleNamespace(report=lambda: ("", {}), seam=SimpleNamespace(late=late))
+    statistics = LoopStatistics()
+    statistics.foreign = foreign
+    plane = SimpleNamespace(statistics=statistics, unreadable=unreadable)
+    seam = SimpleNamespace(_plane=plane, _node=node_with(MINE, TORQUE))
+    seam.foreign_report = lambda: PlantTopics.foreign_report(seam)
+    table = SimpleNamespace(stale=0)
+    turn = SimpleNamespace(statistics=statistics, table=table, kind="", tick=5, skipped=skipped, fault="")
+    world = SimpleNamespace(report=lambda: ("", {"stale": 0}), seam=SimpleNamespace(late=late))
     return plant_status(turn, world, seam)
 
 
