@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from hd_control import _messages
+from hd_control import _plane
 from hd_control.core import topics
 from hd_control.core.faults import FaultCode
-from hd_control.nodes.fast_loop import add_input
+from hd_control.nodes.fast_loop import make_input
 from hd_control.record.schema import joint_state_codec
 from hd_sim.plant_config import PlantConfig
 from hd_sim.runner import Runner, RunSetup
@@ -75,10 +75,10 @@ def test_a_new_activation_knows_no_input(runner):
 def test_the_join_of_a_node_gives_each_input_its_tick(runner):
     """What the nodes' messages write beside their numbers; the same destinations that a node uses."""
     stage, dt_ns = runner.torque, 1_000_000
-    join = _messages.Join(dt_ns)
+    join = _plane.Join(dt_ns)
     codecs = [joint_state_codec(topic, runner.robot.joint_names) for topic in INPUTS]
     for topic, codec in zip(INPUTS, codecs, strict=True):
-        add_input(join, codec, stage.destinations(topic), topic in stage.wiring.optional)
+        join.add(make_input(codec, stage.destinations(topic), topic in stage.wiring.optional))
     for index, codec in enumerate(codecs):
         arrays = {name: np.full(1, 0.25) for name in codec.fields}
         join.offer(index, codec.encode(777 * dt_ns, "a" * 16, **arrays))
