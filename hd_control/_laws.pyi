@@ -23,6 +23,7 @@ class _Step(Protocol):
 BLOCKS: dict[str, list[tuple[str, int, str, str]]]
 """Block -> its fields: name, numbers per joint (0: one for all), unit, meaning."""
 ALLOWED: dict[str, dict[str, tuple[str, float, float, bool, tuple[str, ...]]]]
+LIVE: dict[str, dict[str, tuple[float, float]]]
 """Block of parameters -> field -> what it may hold: kind, lowest, highest, whether the lowest is excluded, words."""
 FAULT_FIELDS: int
 FAULTS_PER_JOINT: int

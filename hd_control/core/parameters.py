@@ -44,6 +44,7 @@ class Parameter:
     """One named value with everything that is known about it.
 
     `low` and `high` are inclusive unless `open_low` is set; they hold for every element. `choices` restricts text.
+    `live`: how far it may go while the law runs, see `LiveReach`; None: anywhere that is allowed.
     """
 
     name: str
@@ -58,6 +59,7 @@ class Parameter:
     symbol: str = ""
     source: str = ""
     change: Change = Change.INACTIVE
+    live: tuple[float, float] | None = None
 
     @property
     def allowed(self) -> str:
@@ -98,6 +100,46 @@ class Parameter:
         return []
 
 
+def live_scale(unit: str, effort: float, speed: float) -> float:
+    """What a unit means at a joint of effort limit N m and velocity limit rad/s; shares are counted from it."""
+    scales = {"N m": effort, "N m s": effort / speed, "1/(N m)": 1.0 / effort, "1/(N m)^2": 1.0 / effort**2}
+    return scales.get(unit, effort / 100.0 if unit == "N m/K" else 1.0)
+
+
+@dataclass(frozen=True)
+class LiveReach:
+    """How far values may go while a law runs: counted from `anchor`, the values at its activation, so that no row of
+    small changes goes further. `effort` N m and `speed` rad/s: limits of the joints of every per-joint list.
+
+    Up to the parameter's factor times as large or as small, and its share of the joint's limits on both sides.
+    """
+
+    anchor: Mapping[str, Any]
+    effort: Sequence[float]
+    speed: Sequence[float]
+
+    def bounds(self, parameter: Parameter, joint: int) -> tuple[float, float]:
+        """Lowest and highest value now, of one joint (0 for a number of the whole law)."""
+        per_joint = parameter.shape is Shape.PER_JOINT
+        start = self.anchor[parameter.name][joint] if per_joint else self.anchor[parameter.name]
+        factor, share = parameter.live if parameter.live is not None else (1.0, math.inf)
+        scale = live_scale(parameter.unit, self.effort[joint], self.speed[joint]) if per_joint else 1.0
+        low, high = sorted((start / factor, start * factor))
+        return low - share * scale, high + share * scale
+
+    def problems(self, parameter: Parameter, value: Any) -> list[str]:
+        """The elements of a changed value that go too far, one sentence each."""
+        found: list[str] = []
+        if parameter.live is None or parameter.kind is not float:
+            return found
+        for joint, item in enumerate(value if parameter.shape is Shape.PER_JOINT else [value]):
+            low, high = self.bounds(parameter, joint)
+            where = f"{parameter.name}[{joint}]" if parameter.shape is Shape.PER_JOINT else parameter.name
+            if not low <= item <= high:
+                found.append(f"{where}: {item:g} is outside [{low:g}, {high:g}] {parameter.unit} while active")
+        return found
+
+
 FieldRow = tuple[str, int, str, str]
 """A field of a compiled block: name, numbers per joint (0: one for all), unit, meaning."""
 Allowed = tuple[str, float, float, bool, tuple[str, ...]]
@@ -111,13 +153,15 @@ def parameters_of(
     allowed: Mapping[str, Allowed],
     more: Mapping[str, Mapping[str, Any]],
     without: Collection[str] = (),
+    live: Mapping[str, tuple[float, float]] | None = None,
     **common: Any,
 ) -> tuple[Parameter, ...]:
     """The parameters that the fields of a compiled block ask for, in the order of the block.
 
     Name, unit, meaning and allowed values are the block's. `more` gives by field what a block does not know (symbol,
-    source, change), `common` the same for all. Fields in `without` are computed, or are parameters of another list. A
-    field of several numbers per joint becomes numbered parameters; the word n of meaning and symbol becomes the number.
+    source, change), `common` the same for all, `live` how far a field may go while the law runs. Fields in `without`
+    are computed, or are parameters of another list. A field of several numbers per joint becomes numbered parameters;
+    the word n of meaning and symbol becomes the number.
     Raises ValueError for a name in `more` or `without` that is no field.
     """
     strangers = {*more, *without} - {field[0] for field in fields}
@@ -125,7 +169,11 @@ def parameters_of(
         raise ValueError(f"the block has no field {', '.join(sorted(strangers))}")
     chosen = (field for field in fields if field[0] not in without)
     return tuple(
-        p for field in chosen for p in _parameters_of_field(field, allowed, {**common, **more.get(field[0], {})})
+        p
+        for field in chosen
+        for p in _parameters_of_field(
+            field, allowed, {**common, "live": (live or {}).get(field[0]), **more.get(field[0], {})}
+        )
     )
 
 
@@ -239,13 +287,25 @@ class ParameterSet:
         if found:
             raise ConfigError(FaultCode.PARAM_BAD.line("; ".join(found), where or self.owner))
 
-    def refusal(self, before: Mapping[str, Any], after: Mapping[str, Any], joints: int, active: bool) -> str:
-        """Why a change of values is refused, in one line; empty if it may be made. `active`: the law runs."""
+    def refusal(
+        self,
+        before: Mapping[str, Any],
+        after: Mapping[str, Any],
+        joints: int,
+        active: bool,
+        reach: LiveReach | None = None,
+    ) -> str:
+        """Why a change of values is refused, in one line; empty if it may be made. `active`: the law runs.
+
+        `reach`: how far values may go then.
+        """
         if found := self.problems(after, joints):
             return FaultCode.PARAM_BAD.line("; ".join(found), self.owner)
         changed = [p.name for p in self.parameters if after[p.name] != before[p.name]] if active else []
         still = [name for name in changed if self[name].change is not Change.HOT]
         found = [f"{name}: {before[name]!r} stays, a change needs INACTIVE" for name in still]
+        if reach is not None:
+            found += [text for name in changed for text in reach.problems(self[name], after[name])]
         return FaultCode.PARAM_MOVING.line("; ".join(found), self.owner) if found else ""
 
 

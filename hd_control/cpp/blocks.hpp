@@ -23,13 +23,21 @@
 namespace hd {
 
 // What a field may hold: finite numbers between bounds, whole numbers, 0 or 1 for false or true, or the number of a
-// word, counted from 0.
+// word, counted from 0. And how far it may go while the law runs, from where it was when the law was activated: up to
+// `live_factor` times as large or as small, and `live_share` of what the unit means at this joint (a torque: of the
+// effort limit; hd_control/core/parameters.py, `live_scale`). 1 and 0: not at all.
 struct Allowed {
     const char* kind = "number";
     double low = -INFINITY, high = INFINITY;
     bool open_low = false;   // `low` itself is not allowed
     const char* words = "";  // separated by spaces
+    double live_factor = 1.0, live_share = 0.0;
+
+    constexpr Allowed times(double factor) const { return {kind, low, high, open_low, words, factor, live_share}; }
+    constexpr Allowed within(double share) const { return {kind, low, high, open_low, words, live_factor, share}; }
 };
+
+constexpr Allowed any() { return {}; }
 
 constexpr Allowed above(double low, double high = INFINITY) { return {"number", low, high, true}; }
 constexpr Allowed at_least(double low, double high = INFINITY) { return {"number", low, high}; }

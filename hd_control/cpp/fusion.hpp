@@ -29,16 +29,16 @@ namespace hd {
     FIELD(resolver_period, 1, "rad", "joint angle at which the resolver wraps; 0: multi-turn", at_least(0.0))          \
     FIELD(encoder_offset, 1, "rad", "rotor angle read at zero")                                                        \
     FIELD(resolver_offset, 1, "rad", "joint angle read at zero")                                                       \
-    FIELD(gauge_gain, 1, "-", "indicated torque per true torque", between(0.1, 10.0))                                  \
-    FIELD(gauge_offset, 1, "N m", "indicated torque at zero torque")                                                   \
-    FIELD(gauge_temperature_drift, 1, "N m/K", "change of the offset with temperature")                                \
+    FIELD(gauge_gain, 1, "-", "indicated torque per true torque", between(0.1, 10.0).times(1.5))                       \
+    FIELD(gauge_offset, 1, "N m", "indicated torque at zero torque", any().within(0.1))                                \
+    FIELD(gauge_temperature_drift, 1, "N m/K", "change of the offset with temperature", any().times(2.0).within(0.1))  \
     FIELD(gauge_reference_temperature, 1, "degC", "temperature at which gauge_offset holds", between(-100.0, 300.0))   \
     FIELD(gauge_angle_offset, 1, "rad", "gauge angle at zero rotor angle")                                             \
     FIELD(gauge_joint_turns, 1, "-", "turns of the gauge per joint turn: 0 casing fixed, 1 or -1", between(-1.0, 1.0)) \
-    FIELD(gauge_cosine_2, 1, "N m", "ripple with cos 2 beta")                                                          \
-    FIELD(gauge_sine_2, 1, "N m", "ripple with sin 2 beta")                                                            \
-    FIELD(gauge_cosine_4, 1, "N m", "ripple with cos 4 beta")                                                          \
-    FIELD(gauge_sine_4, 1, "N m", "ripple with sin 4 beta")                                                            \
+    FIELD(gauge_cosine_2, 1, "N m", "ripple with cos 2 beta", any().within(0.1))                                       \
+    FIELD(gauge_sine_2, 1, "N m", "ripple with sin 2 beta", any().within(0.1))                                         \
+    FIELD(gauge_cosine_4, 1, "N m", "ripple with cos 4 beta", any().within(0.1))                                       \
+    FIELD(gauge_sine_4, 1, "N m", "ripple with sin 4 beta", any().within(0.1))                                         \
     HD_KINEMATIC_ERROR(FIELD)
 
 #define HD_FUSION_SAMPLE(FIELD)                                                    \

@@ -38,9 +38,11 @@ namespace hd {
     HD_LINK_INERTIA(FIELD)                                                                                            \
     FIELD(stiffness_cubic, 1, "N m/rad^3", "cubic part of the spring; 0 in the law of the paper", at_least(0.0))      \
     FIELD(stiffness_quintic, 1, "N m/rad^5", "quintic part of the spring", at_least(0.0))                             \
-    FIELD(rotor_coulomb, 1, "N m", "Coulomb friction of the rotor, fed forward; 0 in the paper", at_least(0.0))       \
+    FIELD(rotor_coulomb, 1, "N m", "Coulomb friction of the rotor, fed forward; 0 in the paper",                      \
+          at_least(0.0).times(2.0).within(0.1))                                                                       \
     FIELD(friction_speed, 1, "rad/s", "wanted speed at which 76 % of rotor_coulomb are fed forward", above(0.0))      \
-    FIELD(rotor_damping, 1, "N m s", "viscous damping of the rotor, output side", at_least(0.0))                      \
+    FIELD(rotor_damping, 1, "N m s", "viscous damping of the rotor, output side",                                     \
+          at_least(0.0).times(2.0).within(0.2))                                                                       \
     FIELD(link_damping, 1, "N m s", "viscous damping of the link", at_least(0.0))                                     \
     FIELD(hysteresis_stiffness, 1, "N m/rad", "slope of the hysteresis torque after a reversal", at_least(0.0))       \
     FIELD(hysteresis_rate, 1, "1/rad", "how fast it saturates; it ends at hysteresis_stiffness / hysteresis_rate",    \

@@ -14,15 +14,15 @@ namespace hd {
     FIELD(rate_source, 0, "-", "rates from the measurements, or from the tracking error", one_of("plain error_filter"))
 #define HD_GEAR_RATIO(FIELD) FIELD(gear_ratio, 1, "-", "rotor turns per joint turn", above(0.0))
 #define HD_TORSIONAL_STIFFNESS(FIELD) \
-    FIELD(torsional_stiffness, 1, "N m/rad", "linear stiffness of the drive", above(0.0))
+    FIELD(torsional_stiffness, 1, "N m/rad", "linear stiffness of the drive", above(0.0).times(2.0))
 #define HD_ROTOR_INERTIA(FIELD) FIELD(rotor_inertia, 1, "kg m^2", "rotor inertia, output side", above(0.0))
 #define HD_LINK_INERTIA(FIELD) \
     FIELD(link_inertia, 1, "kg m^2", "inertia of the link; 0: the link is locked", at_least(0.0))
 #define HD_MOTOR_TORQUE_LIMIT(FIELD) \
     FIELD(motor_torque_limit, 1, "N m", "largest motor torque, output side", above(0.0))
-#define HD_KINEMATIC_ERROR(FIELD)                                                                     \
-    FIELD(kinematic_cosine, 4, "rad", "kinematic error: factor of cos n theta_m", between(-0.1, 0.1)) \
-    FIELD(kinematic_sine, 4, "rad", "kinematic error: factor of sin n theta_m", between(-0.1, 0.1))
+#define HD_KINEMATIC_ERROR(FIELD)                                                                                  \
+    FIELD(kinematic_cosine, 4, "rad", "kinematic error: factor of cos n theta_m", between(-0.1, 0.1).within(2e-3)) \
+    FIELD(kinematic_sine, 4, "rad", "kinematic error: factor of sin n theta_m", between(-0.1, 0.1).within(2e-3))
 
 enum RateSource { kPlain = 0, kErrorFilter = 1 };
 

@@ -95,6 +95,23 @@ py::dict allowed_values() {
     return blocks;
 }
 
+// Block -> field -> live factor, live share; only fields that may go somewhere while the law runs.
+template <class... Blocks>
+py::dict live_reach() {
+    py::dict blocks;
+    const auto add = [&blocks](const char* name, const std::vector<Field>& fields) {
+        py::dict found;
+        for (const Field& field : fields) {
+            const Allowed& what = field.allowed;
+            if (what.live_factor != 1.0 || what.live_share != 0.0)
+                found[field.name] = py::make_tuple(what.live_factor, what.live_share);
+        }
+        blocks[name] = found;
+    };
+    (add(Blocks::block_name(), Blocks::fields()), ...);
+    return blocks;
+}
+
 // ---------------------------------------------------------------------------------- one sample of a law or the gate
 
 void fusion_of_arrays(const Array& params, const Array& state, const Array& sample, Array output, Array new_state,
@@ -371,6 +388,7 @@ PYBIND11_MODULE(_laws, module) {
                     FeedbackReference, FeedbackState, FeedbackOutput, GateLimits, GateState, GuardLimits>();
     module.attr("ALLOWED") = allowed_values<FusionParams, MotionParams, TorqueParams, ManifoldParams, FeedbackParams,
                                             GateLimits, GuardLimits>();
+    module.attr("LIVE") = live_reach<FusionParams, MotionParams, TorqueParams, ManifoldParams, FeedbackParams>();
     define_laws(module);
     define_arm(module);
     define_safety(module);

@@ -10,23 +10,24 @@
 
 namespace hd {
 
-#define HD_MOTION_PARAMS(FIELD)                                                                                    \
-    FIELD(law, 0, "-", "motion law", one_of("vdc pd pid computed_torque feed_forward"))                            \
-    HD_RATE_SOURCE(FIELD)                                                                                          \
-    HD_DERIVATIVE_CUTOFF(FIELD)                                                                                    \
-    FIELD(position_gain, 1, "1/s", "position error to required velocity", above(0.0))                              \
-    FIELD(velocity_gain, 1, "N m s", "feedback of the required velocity error", above(0.0))                        \
-    FIELD(integral_gain, 1, "N m", "bounded integral of the required velocity error", at_least(0.0))               \
-    FIELD(integral_low, 1, "N m", "lower bound of the integral")                                                   \
-    FIELD(integral_high, 1, "N m", "upper bound of the integral")                                                  \
-    FIELD(rotor_inertia, 1, "kg m^2", "rotor inertia, output side (computed_torque, feed_forward)", at_least(0.0)) \
-    FIELD(link_adaptation, 0, "-", "whether link parameters adapt", truth())                                       \
-    FIELD(gravity, 0, "m/s^2", "upward acceleration of the base that stands for gravity")                          \
-    FIELD(rotation, 9, "-", "fixed rotation of each joint frame in the previous one, rows")                        \
-    FIELD(origin, 3, "m", "origin of each joint frame in the previous one")                                        \
-    FIELD(link_parameters, 13, "kg, kg m, kg m^2", "link parameters at the start")                                 \
-    FIELD(link_parameters_low, 13, "kg, kg m, kg m^2", "lower bounds of adaptation")                               \
-    FIELD(link_parameters_high, 13, "kg, kg m, kg m^2", "upper bounds of adaptation")                              \
+#define HD_MOTION_PARAMS(FIELD)                                                                                 \
+    FIELD(law, 0, "-", "motion law", one_of("vdc pd pid computed_torque feed_forward"))                         \
+    HD_RATE_SOURCE(FIELD)                                                                                       \
+    HD_DERIVATIVE_CUTOFF(FIELD)                                                                                 \
+    FIELD(position_gain, 1, "1/s", "position error to required velocity", above(0.0).times(4.0))                \
+    FIELD(velocity_gain, 1, "N m s", "feedback of the required velocity error", above(0.0).times(2.0))          \
+    FIELD(integral_gain, 1, "N m", "bounded integral of the required velocity error", at_least(0.0).times(4.0)) \
+    FIELD(integral_low, 1, "N m", "lower bound of the integral", any().times(2.0).within(0.05))                 \
+    FIELD(integral_high, 1, "N m", "upper bound of the integral", any().times(2.0).within(0.05))                \
+    FIELD(rotor_inertia, 1, "kg m^2", "rotor inertia, output side (computed_torque, feed_forward)",             \
+          at_least(0.0).times(2.0))                                                                             \
+    FIELD(link_adaptation, 0, "-", "whether link parameters adapt", truth())                                    \
+    FIELD(gravity, 0, "m/s^2", "upward acceleration of the base that stands for gravity")                       \
+    FIELD(rotation, 9, "-", "fixed rotation of each joint frame in the previous one, rows")                     \
+    FIELD(origin, 3, "m", "origin of each joint frame in the previous one")                                     \
+    FIELD(link_parameters, 13, "kg, kg m, kg m^2", "link parameters at the start")                              \
+    FIELD(link_parameters_low, 13, "kg, kg m, kg m^2", "lower bounds of adaptation")                            \
+    FIELD(link_parameters_high, 13, "kg, kg m, kg m^2", "upper bounds of adaptation")                           \
     FIELD(link_adaptation_gain, 13, "parameter unit / (N m rad)", "adaptation gains")
 
 #define HD_MOTION_STATE(FIELD)                                                    \

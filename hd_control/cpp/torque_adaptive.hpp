@@ -27,39 +27,41 @@ namespace hd {
     FIELD(estimate##_initial, 1, unit, "estimate at the start; a live change moves the estimate there", allowed)
 
 // The adaptation gains of the block have `adaptation_scale` in them, except that of the offset.
-#define HD_TORQUE_PARAMS(FIELD)                                                                                     \
-    FIELD(law, 0, "-", "adaptive joint torque control, required torque sent to the motor as it is, or another law", \
-          one_of("adaptive direct"))                                                                                \
-    FIELD(compliance_derivative, 0, "-", "derivatives of the wanted torsion",                                       \
-          one_of("literal stiffness_only filtered"))                                                                \
-    HD_RATE_SOURCE(FIELD)                                                                                           \
-    FIELD(kinematic_feedforward, 0, "-", "take the known kinematic error off the wanted rotor motion", truth())     \
-    FIELD(adapt_friction, 0, "-", "friction estimates follow the error", truth())                                   \
-    FIELD(adapt_compliance, 0, "-", "the compliance estimate follows the error", truth())                           \
-    HD_DERIVATIVE_CUTOFF(FIELD)                                                                                     \
-    HD_GEAR_RATIO(FIELD)                                                                                            \
-    FIELD(damping_time, 1, "s", "flexspline damping over stiffness", at_least(0.0))                                 \
-    HD_ROTOR_INERTIA(FIELD)                                                                                         \
-    FIELD(motor_position_gain, 1, "1/s", "motor position error to velocity", above(0.0))                            \
-    FIELD(torque_rate_gain, 1, "1/(N m s)", "joint torque error to velocity", above(0.0))                           \
-    FIELD(motor_velocity_gain, 1, "N m s", "velocity error to torque", above(0.0))                                  \
-    FIELD(torque_gain, 1, "-", "joint torque error to torque", at_least(0.0))                                       \
-    FIELD(load_friction_linear, 1, "1/(N m)", "growth of Coulomb friction with load", at_least(0.0))                \
-    FIELD(load_friction_quadratic, 1, "1/(N m)^2", "growth of Coulomb friction with load squared", at_least(0.0))   \
-    FIELD(adaptation_gain_coulomb, 1, "N m", "speed of the Coulomb estimate", at_least(0.0))                        \
-    FIELD(adaptation_gain_offset, 1, "N m", "speed of the offset estimate", at_least(0.0))                          \
-    FIELD(adaptation_gain_viscous, 1, "N m s^2", "speed of both viscous estimates", at_least(0.0))                  \
-    FIELD(adaptation_gain_compliance, 1, "1/(N m)^2", "speed of the compliance estimate", at_least(0.0))            \
-    HD_ESTIMATE_BOUNDS(FIELD, coulomb_torque, "N m", Allowed{})                                                     \
-    HD_ESTIMATE_START(FIELD, coulomb_torque, "N m", Allowed{})                                                      \
-    HD_ESTIMATE_BOUNDS(FIELD, friction_offset, "N m", Allowed{})                                                    \
-    HD_ESTIMATE_START(FIELD, friction_offset, "N m", Allowed{})                                                     \
-    HD_ESTIMATE_BOUNDS(FIELD, viscous, "N m s", Allowed{})                                                          \
-    HD_ESTIMATE_START(FIELD, viscous_positive, "N m s", Allowed{})                                                  \
-    HD_ESTIMATE_START(FIELD, viscous_negative, "N m s", Allowed{})                                                  \
-    HD_ESTIMATE_BOUNDS(FIELD, torsional_compliance, "rad/(N m)", above(0.0))                                        \
-    HD_ESTIMATE_START(FIELD, torsional_compliance, "rad/(N m)", at_least(0.0))                                      \
-    HD_MOTOR_TORQUE_LIMIT(FIELD)                                                                                    \
+#define HD_TORQUE_PARAMS(FIELD)                                                                                      \
+    FIELD(law, 0, "-", "adaptive joint torque control, required torque sent to the motor as it is, or another law",  \
+          one_of("adaptive direct"))                                                                                 \
+    FIELD(compliance_derivative, 0, "-", "derivatives of the wanted torsion",                                        \
+          one_of("literal stiffness_only filtered"))                                                                 \
+    HD_RATE_SOURCE(FIELD)                                                                                            \
+    FIELD(kinematic_feedforward, 0, "-", "take the known kinematic error off the wanted rotor motion", truth())      \
+    FIELD(adapt_friction, 0, "-", "friction estimates follow the error", truth())                                    \
+    FIELD(adapt_compliance, 0, "-", "the compliance estimate follows the error", truth())                            \
+    HD_DERIVATIVE_CUTOFF(FIELD)                                                                                      \
+    HD_GEAR_RATIO(FIELD)                                                                                             \
+    FIELD(damping_time, 1, "s", "flexspline damping over stiffness", at_least(0.0))                                  \
+    HD_ROTOR_INERTIA(FIELD)                                                                                          \
+    FIELD(motor_position_gain, 1, "1/s", "motor position error to velocity", above(0.0).times(2.0))                  \
+    FIELD(torque_rate_gain, 1, "1/(N m s)", "joint torque error to velocity", above(0.0).times(2.0))                 \
+    FIELD(motor_velocity_gain, 1, "N m s", "velocity error to torque", above(0.0).times(2.0))                        \
+    FIELD(torque_gain, 1, "-", "joint torque error to torque", at_least(0.0).times(2.0).within(1.0))                 \
+    FIELD(load_friction_linear, 1, "1/(N m)", "growth of Coulomb friction with load",                                \
+          at_least(0.0).times(4.0).within(2.0))                                                                      \
+    FIELD(load_friction_quadratic, 1, "1/(N m)^2", "growth of Coulomb friction with load squared",                   \
+          at_least(0.0).times(4.0).within(2.0))                                                                      \
+    FIELD(adaptation_gain_coulomb, 1, "N m", "speed of the Coulomb estimate", at_least(0.0).times(10.0))             \
+    FIELD(adaptation_gain_offset, 1, "N m", "speed of the offset estimate", at_least(0.0).times(10.0))               \
+    FIELD(adaptation_gain_viscous, 1, "N m s^2", "speed of both viscous estimates", at_least(0.0).times(10.0))       \
+    FIELD(adaptation_gain_compliance, 1, "1/(N m)^2", "speed of the compliance estimate", at_least(0.0).times(10.0)) \
+    HD_ESTIMATE_BOUNDS(FIELD, coulomb_torque, "N m", any().within(0.1))                                              \
+    HD_ESTIMATE_START(FIELD, coulomb_torque, "N m", any().within(0.1))                                               \
+    HD_ESTIMATE_BOUNDS(FIELD, friction_offset, "N m", any().within(0.1))                                             \
+    HD_ESTIMATE_START(FIELD, friction_offset, "N m", any().within(0.1))                                              \
+    HD_ESTIMATE_BOUNDS(FIELD, viscous, "N m s", any().times(2.0).within(0.2))                                        \
+    HD_ESTIMATE_START(FIELD, viscous_positive, "N m s", any().times(2.0).within(0.2))                                \
+    HD_ESTIMATE_START(FIELD, viscous_negative, "N m s", any().times(2.0).within(0.2))                                \
+    HD_ESTIMATE_BOUNDS(FIELD, torsional_compliance, "rad/(N m)", above(0.0).times(2.0))                              \
+    HD_ESTIMATE_START(FIELD, torsional_compliance, "rad/(N m)", at_least(0.0).times(2.0))                            \
+    HD_MOTOR_TORQUE_LIMIT(FIELD)                                                                                     \
     HD_KINEMATIC_ERROR(FIELD)
 
 #define HD_TORQUE_SAMPLE(FIELD)                                      \

@@ -15,19 +15,21 @@
 
 namespace hd {
 
-#define HD_FEEDBACK_PARAMS(FIELD)                                                                              \
-    FIELD(setpoint_kick, 0, "-", "rates of the required torque by difference", truth())                        \
-    FIELD(torque_rate_cutoff, 0, "rad/s", "cut-off of the filter on the joint torque's rate", above(0.0, 1e5)) \
-    HD_ROTOR_INERTIA(FIELD)                                                                                    \
-    HD_LINK_INERTIA(FIELD)                                                                                     \
-    HD_TORSIONAL_STIFFNESS(FIELD)                                                                              \
-    FIELD(feedback_proportional, 1, "1/s^2", "torque error to torque acceleration", at_least(0.0))             \
-    FIELD(feedback_rate, 1, "1/s", "torque rate error to torque acceleration", at_least(0.0))                  \
-    FIELD(feedback_integral, 1, "1/s^3", "integral of the torque error; 0 in the paper", at_least(0.0))        \
-    FIELD(feedback_integral_limit, 1, "N m", "largest integral term", at_least(0.0))                           \
-    FIELD(feedback_friction, 1, "N m", "Coulomb friction fed forward, output side", at_least(0.0))             \
-    FIELD(feedback_friction_rate, 1, "N m/s",                                                                  \
-          "rate of the required torque at which 76 % of feedback_friction are fed forward", above(0.0))        \
+#define HD_FEEDBACK_PARAMS(FIELD)                                                                                   \
+    FIELD(setpoint_kick, 0, "-", "rates of the required torque by difference", truth())                             \
+    FIELD(torque_rate_cutoff, 0, "rad/s", "cut-off of the filter on the joint torque's rate", above(0.0, 1e5))      \
+    HD_ROTOR_INERTIA(FIELD)                                                                                         \
+    HD_LINK_INERTIA(FIELD)                                                                                          \
+    HD_TORSIONAL_STIFFNESS(FIELD)                                                                                   \
+    FIELD(feedback_proportional, 1, "1/s^2", "torque error to torque acceleration", at_least(0.0).times(2.0))       \
+    FIELD(feedback_rate, 1, "1/s", "torque rate error to torque acceleration", at_least(0.0).times(2.0))            \
+    FIELD(feedback_integral, 1, "1/s^3", "integral of the torque error; 0 in the paper",                            \
+          at_least(0.0).times(4.0).within(1e4))                                                                     \
+    FIELD(feedback_integral_limit, 1, "N m", "largest integral term", at_least(0.0).times(4.0))                     \
+    FIELD(feedback_friction, 1, "N m", "Coulomb friction fed forward, output side",                                 \
+          at_least(0.0).times(2.0).within(0.1))                                                                     \
+    FIELD(feedback_friction_rate, 1, "N m/s",                                                                       \
+          "rate of the required torque at which 76 % of feedback_friction are fed forward", above(0.0).times(10.0)) \
     HD_MOTOR_TORQUE_LIMIT(FIELD)
 
 #define HD_FEEDBACK_REFERENCE(FIELD)                \

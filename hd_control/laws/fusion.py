@@ -48,7 +48,9 @@ _MORE: Mapping[str, Mapping[str, Any]] = {name: {"change": Change.HOT} for name 
     "kinematic_cosine": {"symbol": "a_n", "change": Change.HOT},
     "kinematic_sine": {"symbol": "b_n", "change": Change.HOT},
 }
-PARAMETERS = ParameterSet("fusion law", (JOINT_NAMES, *parameters_of(FIELDS, ALLOWED, _MORE)), (_turns_rule,))
+PARAMETERS = ParameterSet(
+    "fusion law", (JOINT_NAMES, *parameters_of(FIELDS, ALLOWED, _MORE, live=_laws.LIVE["FusionParams"])), (_turns_rule,)
+)
 
 
 @lru_cache

@@ -50,7 +50,7 @@ _MORE: Mapping[str, Mapping[str, Any]] = {
     **{f"load_{part}": {"source": SECTION_5} for part in ("constant", "cosine", "sine")},
 }
 _READ = (
-    *parameters_of(FIELDS, ALLOWED, _MORE, ("fast_gain",), source="chosen"),
+    *parameters_of(FIELDS, ALLOWED, _MORE, ("fast_gain",), _laws.LIVE["ManifoldParams"], source="chosen"),
     Parameter(  # gives fast_gain
         "fast_damping_ratio",
         "damping ratio of the fast mode",

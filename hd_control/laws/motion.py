@@ -110,10 +110,11 @@ TABLE_2, CHOSEN = "Zhu, Table II", "chosen"
 def _joint(
     name: str, meaning: str, unit: str, symbol: str = "", source: str = TABLE_2, *, above: bool = True, hot: bool = True
 ) -> Parameter:
-    change = Change.HOT if hot else Change.INACTIVE
+    change, live = (Change.HOT, (10.0, 0.0)) if hot else (Change.INACTIVE, None)
     return Parameter(
-        name, meaning, unit, shape=Shape.PER_JOINT, low=0.0, open_low=above, symbol=symbol, source=source, change=change
-    )
+        name, meaning, unit, shape=Shape.PER_JOINT, low=0.0, open_low=above, symbol=symbol, source=source,
+        change=change, live=live,
+    )  # fmt: skip
 
 
 def _limit(name: str, meaning: str, unit: str) -> Parameter:
@@ -165,7 +166,7 @@ PARAMETERS = ParameterSet(
         Parameter(
             "joint_names", "joints that the lists below are for", kind=str, shape=Shape.LIST, change=Change.FIXED
         ),
-        *parameters_of(FIELDS, ALLOWED, _MORE, _OF_THE_ROBOT),
+        *parameters_of(FIELDS, ALLOWED, _MORE, _OF_THE_ROBOT, _laws.LIVE["MotionParams"]),
         _joint(
             "link_adaptation_gain",
             "adaptation gain of a link parameter over its size",

@@ -146,7 +146,7 @@ PARAMETERS = ParameterSet(
     (
         JOINT_NAMES,
         Parameter("joints", "joints to control; none named: all", kind=str, shape=Shape.LIST, change=Change.FIXED),
-        *parameters_of(FIELDS, ALLOWED, _MORE),
+        *parameters_of(FIELDS, ALLOWED, _MORE, live=_laws.LIVE["TorqueParams"]),
         # Of no field of this law: a factor on three gains, and what its rules compare with.
         Parameter(
             "adaptation_scale",
@@ -154,10 +154,17 @@ PARAMETERS = ParameterSet(
             low=0.0,
             high=10.0,
             change=Change.HOT,
+            live=(10.0, 0.1),
             source="chosen",
         ),
         *parameters_of(
-            _STIFFNESS, _laws.ALLOWED["FeedbackParams"], {}, symbol="k_f", source=TABLE_1, change=Change.HOT
+            _STIFFNESS,
+            _laws.ALLOWED["FeedbackParams"],
+            {},
+            live=_laws.LIVE["FeedbackParams"],
+            symbol="k_f",
+            source=TABLE_1,
+            change=Change.HOT,
         ),
     ),
     (_loop_rule, _bounds_rule, _compliance_rule, _literal_rule, _subset_rule),

@@ -28,7 +28,7 @@ _MORE: Mapping[str, Mapping[str, Any]] = {
     "feedback_rate": {"symbol": "K_d", "source": SECTION_4},
     "feedback_integral": {"symbol": "K_i"},
 }
-_READ = parameters_of(FIELDS, ALLOWED, _MORE, source="chosen", change=Change.HOT)
+_READ = parameters_of(FIELDS, ALLOWED, _MORE, live=_laws.LIVE["FeedbackParams"], source="chosen", change=Change.HOT)
 _OTHERS = {p.name: p for p in (*torque_adaptive.PARAMETERS.parameters, *integral_manifold.OWN)}
 OWN = tuple(parameter for parameter in _READ if parameter.name not in _OTHERS)
 """What no other torque law has; the others are the same parameters of the node."""

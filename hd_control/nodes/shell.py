@@ -27,7 +27,7 @@ from hd_control.core.arrays import FloatArray
 from hd_control.core.clock_watch import ClockWatch
 from hd_control.core.errors import ConfigError, HdError
 from hd_control.core.faults import Action, Fault, FaultCode
-from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
+from hd_control.core.parameters import Change, LiveReach, Parameter, ParameterSet, Shape
 from hd_control.core.robot import Robot
 from hd_control.nodes.fast_loop import FastLoop, HandsOff, chain_qos, latched_qos
 from hd_control.record.cdr import ValuesCodec, new_run_id
@@ -91,6 +91,7 @@ class ParameterService:
         self._node, self._set, self._joints = node, parameters, joints
         self._is_active, self._prepare, self._accept = is_active, prepare, accept
         self._pending: tuple[dict[str, Any], Any] | None = None
+        self._reach: LiveReach | None = None
         self.changes = self.refusals = 0
         self.last_refusal = ""
         self._declare(defaults)
@@ -112,6 +113,10 @@ class ParameterService:
         values = self.values()
         self._set.check(values, self._joints, self._node.get_name())
         return values
+
+    def anchor(self, robot: Robot) -> None:
+        """From now on, while the node is active, values stay within reach of those of this moment."""
+        self._reach = LiveReach(self.values(), robot.effort_limit.tolist(), robot.velocity_limit.tolist())
 
     def _declare(self, defaults: Mapping[str, Any]) -> None:
         given = getattr(self._node, "_parameter_overrides", {})
@@ -147,7 +152,7 @@ class ParameterService:
         values = self.values()
         before = dict(values)
         values.update({change.name: plain(self._set[change.name], change.value) for change in own})
-        refusal = self._set.refusal(before, values, self._joints, self._is_active())
+        refusal = self._set.refusal(before, values, self._joints, self._is_active(), self._reach)
         if not refusal:
             try:
                 self._pending = (values, self._prepare(values))
@@ -258,6 +263,7 @@ class Shell(LifecycleNode):
         except HdError as error:
             self.get_logger().error(f"not activated: {error}")
             return TransitionCallbackReturn.FAILURE
+        self.service.anchor(self.robot)
         self.active = True
         return TransitionCallbackReturn.SUCCESS
 

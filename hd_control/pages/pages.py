@@ -296,7 +296,10 @@ def node_page() -> str:
     intro = [
         "Topic names are relative: a namespace or a remap moves them. `~` is the node's own name. *Latched* topics are",
         "transient local. *Live* parameters change at any time, *INACTIVE* ones while the node is not active, *fixed*",
-        "ones only at its start. Values are those of the shipped files in `config/`; a list holds one value per joint",
+        "ones only at its start. *x2, ±0.1* after *live*: counted from the activation, up to twice as large or as",
+        "small, and a tenth of the joint's limits further (effort limit for N m, effort over velocity limit for N m s,",
+        "their inverses; else of the unit itself); beyond that, deactivate the node (HD-F21).",
+        "Values are those of the shipped files in `config/`; a list holds one value per joint",
         "of arm A, shown short where all are equal. Every node is a lifecycle node with the standard services, has the",
         "parameter services, and publishes `diagnostics` once a second.",
     ]
@@ -364,7 +367,13 @@ def _row(parameter: Parameter, value: Any) -> list[str]:
     meaning = parameter.meaning + (f" ({parameter.source})" if parameter.source else "")
     unit = "" if parameter.unit == "-" else parameter.unit
     allowed = parameter.allowed.removesuffix(parameter.unit).strip()
-    return [code(parameter.name), unit, _short(value), allowed, WHEN[parameter.change], meaning]
+    return [code(parameter.name), unit, _short(value), allowed, WHEN[parameter.change] + _reach(parameter), meaning]
+
+
+def _reach(parameter: Parameter) -> str:
+    """How far a live parameter may go: factor and share, `, x2, ±0.1`."""
+    factor, share = parameter.live or (1.0, 0.0)
+    return (f", x{factor:g}" if factor != 1.0 else "") + (f", ±{share:g}" if share else "")
 
 
 def _short(value: Any) -> str:

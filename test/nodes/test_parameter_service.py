@@ -3,6 +3,7 @@
 import re
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from rclpy.parameter import Parameter as RosParameter
 
@@ -15,7 +16,7 @@ SET = ParameterSet(
     (
         Parameter("stiffness", "k_f", "N m/rad", low=0.0, open_low=True, change=Change.HOT),
         Parameter("rate", "lambda", "1/(N m s)", low=0.0, change=Change.HOT),
-        Parameter("gain", "a gain", shape=Shape.PER_JOINT, low=0.0, change=Change.HOT),
+        Parameter("gain", "a gain", shape=Shape.PER_JOINT, low=0.0, change=Change.HOT, live=(10.0, 0.0)),
         Parameter("law", "a law", kind=str, choices=("a", "b")),
     ),
     (lambda v: [] if v["stiffness"] * v["rate"] < 1.0 else ["loop gain >= 1"],),
@@ -95,6 +96,20 @@ def test_f21_a_value_that_needs_inactive_is_refused_while_active():
     assert taken == [] and node.stored["gain"] == [1.0, 2.0]
     node, made, taken = service(active=False)
     assert node.set(law="b").successful and taken[-1]["law"] == "b"
+
+
+def test_f21_while_active_values_stay_within_reach_of_those_at_the_activation():
+    """Several changes go no further than one; a new activation counts from where they are."""
+    node, made, taken = service()
+    robot = SimpleNamespace(effort_limit=np.array([9.0, 9.0]), velocity_limit=np.array([1.0, 1.0]))
+    assert node.set(gain=[1.0, 1e12]).successful, "before the first activation"
+    assert node.set(gain=[1.0, 2.0]).successful
+    made.anchor(robot)
+    assert not node.set(gain=[1.0, 1e12]).successful and not node.set(gain=[1.0, 20.1]).successful
+    assert node.set(gain=[1.0, 15.0]).successful and not node.set(gain=[1.0, 45.0]).successful
+    made.anchor(robot)
+    assert node.set(gain=[1.0, 45.0]).successful and made.refusals == 3
+    assert made.last_refusal == "HD-F21 param_moving node: gain[1]: 45 is outside [0.2, 20] - while active"
 
 
 def test_f20_what_the_law_cannot_prepare_is_refused():
