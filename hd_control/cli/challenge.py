@@ -201,7 +201,7 @@ def _campaign(arguments: argparse.Namespace) -> int:
 def _report(arguments: argparse.Namespace, records: list[dict[str, Any]]) -> None:
     """The tables: all worlds, then those like the library and those of the judge apart."""
     from hd_control.cli.options import say, write_json
-    from hd_sim.puzzles.campaign import confusion, make_table, table_text
+    from hd_sim.puzzles.tables import confusion, make_table, table_text
 
     parts = {
         "all worlds": records,

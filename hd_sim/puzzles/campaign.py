@@ -1,8 +1,7 @@
 """A blind campaign: many random joints, each diagnosed without its truth, each answer scored afterwards.
 
 One line of JSON per joint goes to the record file as soon as it is known, so an interrupted campaign loses nothing and
-goes on where it stopped. The diagnosis receives columns and nominal values, never the case. The table of the records
-has counts with exact intervals, and quantiles.
+goes on where it stopped. The diagnosis receives columns and nominal values, never the case.
 """
 
 from __future__ import annotations
@@ -10,8 +9,8 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,217 +21,12 @@ from hd_control.core.errors import ConfigError, HdError
 from hd_control.core.workers import serve_only
 from hd_sim.puzzles.puzzle import REFUSED, score_joint
 from hd_sim.puzzles.recordings import FIT_S, HELD_OUT_S, Pair, make_pair, set_up
+from hd_sim.puzzles.second import SECOND, make_second_pair, set_up_second
+from hd_sim.puzzles.tables import FAILED
 
 if TYPE_CHECKING:
     from hd_control.drive.model import JointModel, Model
     from hd_control.lab.signals.joint_signals import Recording
-
-
-# ---- The table, from the records of single challenges ----------------------------------------------
-
-
-FAILED = "failed"
-"""Verdict of a diagnosis that ended in an error."""
-CLEAR_GAIN = 200.0
-"""nats that the true effect gains on data that were not used for its fit."""
-CLEAR = f"oracle gain {CLEAR_GAIN:g} nats or more"
-Record = Mapping[str, Any]
-Answer = Callable[[Record], bool | None]
-
-
-@dataclass(frozen=True)
-class Row:
-    """One line: a share `hits` of `count` with its exact 95 % interval, or a number (`value`) from `count` ones."""
-
-    name: str
-    count: int
-    hits: int | None = None
-    low: float | None = None
-    high: float | None = None
-    value: float | None = None
-    unit: str = ""
-
-    @property
-    def share(self) -> float | None:
-        """hits / count."""
-        return None if self.hits is None or not self.count else self.hits / self.count
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain types."""
-        return asdict(self) | {"share": self.share}
-
-
-def interval(hits: int, count: int) -> tuple[float, float]:
-    """Exact 95 % interval of a share (Clopper and Pearson, 1934); (0, 1) for nothing counted."""
-    from scipy.stats import beta
-
-    tail = 0.025
-    low = float(beta.ppf(tail, hits, count - hits + 1)) if hits else 0.0
-    high = float(beta.ppf(1.0 - tail, hits + 1, count - hits)) if hits < count else 1.0
-    return low, high
-
-
-def make_table(records: Sequence[Record]) -> list[Row]:
-    """The rows: no effect, one, two, unknown, poor recordings. Rows without a single case are left out."""
-    parts = {name: [r for r in records if r["category"] == name] for name in ("none", "one", "two", "unknown", "poor")}
-    none, one, two, unknown, poor = parts.values()
-    good = [*none, *one, *two, *unknown]
-    rows = [
-        _share("no effect: false alarm", none, _flag("false_alarm")),
-        _share("no effect: a name claimed", none, lambda r: bool(r["score"]["wrong"])),
-        *_one_effect_rows(one),
-        *_two_effects_rows(two),
-        _share("unknown: flagged", unknown, _flag("unknown_flagged")),
-        _share("unknown: right variable", unknown, _flag("unknown_variable")),
-        _share("unknown: right channel", unknown, _flag("unknown_channel")),
-        _share("unknown: no wrong name", unknown, lambda r: not r["score"]["wrong"]),
-        _share("poor recording: wrong confident claim", poor, _flag("confident_wrong")),
-        _share("poor recording: refused", poor, _flag("refused")),
-        _share("poor recording: refused, right after a general one", _asked_again(poor), lambda r: r["correct"]),
-        _share("good recording: needless refusal", good, _flag("refused")),
-        _share("diagnosis failed", records, lambda r: r["score"]["verdict"] == FAILED),
-        *_confidence_rows(good),
-        _share("control: one effect, top 1 against another joint's truth", _shuffled(one), lambda r: r["hit"]),
-        *_parameter_rows(records),
-        *_held_out_rows(good),
-        *_time_rows(records),
-    ]
-    return [row for row in rows if row.count]
-
-
-def _one_effect_rows(one: Sequence[Record]) -> list[Row]:
-    steps = [(f"one effect, {step}: top 1", _step(one, step)) for step in ("weak", "middle", "strong")]
-    clean = [(f"one effect, {s}: exact, nothing extra", _step(one, s)) for s in ("middle", "strong")]
-    return [
-        _share("one effect: top 1", one, _flag("top_1")),
-        *(_share(name, found, _flag("top_1")) for name, found in steps),
-        _share("one effect: right name or its group", one, _flag("group")),
-        _share("one effect: exact", one, _flag("exact")),
-        _share("one effect: exact, nothing extra", one, _flag("clean")),
-        *(_share(name, found, _flag("clean")) for name, found in clean),
-        _share(f"one effect, {CLEAR}: top 1", _clear(one), _flag("top_1")),
-        _share(f"one effect, {CLEAR}: exact, nothing extra", _clear(one), _flag("clean")),
-    ]
-
-
-def _two_effects_rows(two: Sequence[Record]) -> list[Row]:
-    return [
-        _share("two effects: both named", two, lambda r: not r["score"]["missed"]),
-        _share("two effects: exact", two, _flag("exact")),
-        _share("two effects: exact, nothing extra", two, _flag("clean")),
-        _share(f"two effects, {CLEAR}: both named", _clear(two), lambda r: not r["score"]["missed"]),
-        _share(f"two effects, {CLEAR}: exact", _clear(two), _flag("exact")),
-    ]
-
-
-def _asked_again(records: Iterable[Record]) -> list[Record]:
-    """Scores after the judge has played the experiment."""
-    return [r["score_after_experiment"] for r in records if r.get("score_after_experiment")]
-
-
-def _clear(records: Iterable[Record]) -> list[Record]:
-    """Those in which every hidden effect leaves a clear trace."""
-    return [record for record in records if (record.get("oracle_gain") or 0.0) >= CLEAR_GAIN]
-
-
-def _flag(name: str) -> Answer:
-    return lambda record: record["score"][name]
-
-
-def _step(records: Iterable[Record], step: str) -> list[Record]:
-    return [record for record in records if record["step"] == step]
-
-
-def _share(name: str, records: Iterable[Record], answer: Answer) -> Row:
-    answers = [value for value in map(answer, records) if value is not None]
-    hits = sum(map(bool, answers))
-    low, high = interval(hits, len(answers))
-    return Row(name, len(answers), hits, low, high)
-
-
-def _quantile(name: str, values: Sequence[float], level: float, unit: str) -> Row:
-    return Row(name, len(values), value=float(np.quantile(values, level)) if values else None, unit=unit)
-
-
-def _parameter_rows(records: Iterable[Record]) -> list[Row]:
-    found = [p for r in records if r["category"] in ("one", "two") for p in r["score"]["parameters"]]
-    errors = [100.0 * p["relative_error"] for p in found if np.isfinite(p["relative_error"])]
-    covered = [{"covered": p["covered"]} for p in found]
-    return [
-        _quantile("parameter error, median", errors, 0.5, "%"),
-        _quantile("parameter error, 90 % quantile", errors, 0.9, "%"),
-        _share("parameter inside its 95 % interval", covered, lambda p: p["covered"]),
-    ]
-
-
-def _confidence_rows(records: Iterable[Record]) -> list[Row]:
-    """How far stated confidence and share of right names are apart: mean over ten bins, weighted by their counts."""
-    said = []
-    for record in records:
-        for effect in record["answer"].get("effects") or []:
-            if effect["name"] not in record["score"]["tolerated"]:
-                said.append((float(effect.get("confidence") or 0.0), effect["name"] in record["names"]))
-    if not said:
-        return []
-    confidence, right = np.array(said, dtype=float).T
-    bins = np.minimum((10.0 * confidence).astype(int), 9)
-    weights = np.bincount(bins, minlength=10)
-    gaps = np.abs(np.bincount(bins, confidence, 10) - np.bincount(bins, right, 10))
-    return [
-        _share("named effects: right", [{"right": value} for value in right], lambda r: bool(r["right"])),
-        Row("calibration error of the confidence", len(said), value=float(gaps.sum() / weights.sum())),
-    ]
-
-
-def _shuffled(records: Sequence[Record]) -> list[dict[str, bool]]:
-    """Label permutation: every answer against the truth of the next joint; the score must fall to chance."""
-    found = []
-    for answered, other in zip(records, [*records[1:], *records[:1]], strict=True):
-        named = [effect["name"] for effect in answered["answer"].get("effects") or []]
-        found.append({"hit": bool(named) and named[0] == other["names"][0]})
-    return found
-
-
-def _held_out_rows(records: Iterable[Record]) -> list[Row]:
-    shares = [r["held_out_share"] for r in records if r.get("held_out_share") is not None]
-    wins = [{"well": share >= 0.97} for share in shares]
-    return [
-        _quantile("held-out reduction over the oracle's, median", shares, 0.5, ""),
-        _share("held-out reduction at least 97 % of the oracle's", wins, lambda r: r["well"]),
-    ]
-
-
-def _time_rows(records: Iterable[Record]) -> list[Row]:
-    seconds = [r["cpu_seconds"] for r in records if r.get("cpu_seconds") is not None]
-    return [
-        _quantile("computing time, median", seconds, 0.5, "s CPU"),
-        _quantile("computing time, 95 % quantile", seconds, 0.95, "s CPU"),
-    ]
-
-
-def confusion(records: Iterable[Record]) -> list[tuple[str, str, int]]:
-    """Hidden effect, answer, count, for recordings of one effect; the answer is the first name or the verdict."""
-    counts: dict[tuple[str, str], int] = {}
-    for record in records:
-        if record["category"] == "one":
-            score = record["score"]
-            first = record["answer"]["effects"][0]["name"] if record["answer"].get("effects") else score["verdict"]
-            key = (record["names"][0], first)
-            counts[key] = counts.get(key, 0) + 1
-    return sorted(((a, b, n) for (a, b), n in counts.items()), key=lambda entry: (entry[0], -entry[2], entry[1]))
-
-
-def table_text(rows: Iterable[Row]) -> str:
-    """The rows as a table for people, in Markdown."""
-    lines = ["| figure | count | value | 95 % interval |", "|---|---|---|---|"]
-    for row in rows:
-        if row.share is None:
-            value = "–" if row.value is None else f"{row.value:.3g} {row.unit}".strip()
-            lines.append(f"| {row.name} | {row.count} | {value} | |")
-        else:
-            ends = f"{100 * (row.low or 0.0):.1f}–{100 * (row.high or 0.0):.1f} %"
-            lines.append(f"| {row.name} | {row.hits}/{row.count} | {100 * row.share:.1f} % | {ends} |")
-    return "\n".join(lines)
 
 
 # ---- The question: columns and data-sheet values in, the JSON form of one joint out ----------------
@@ -351,6 +145,8 @@ def _held_out(question: Question, effects: Sequence[str]) -> float:
 
 
 SCHEMA = "hd.campaign/1"
+HOME, BOTH = "home", "both"
+WORLDS = (HOME, SECOND, BOTH)
 
 
 @dataclass(frozen=True)
@@ -373,12 +169,18 @@ the others, and `held_out_share`, held-out reduction of the answer over that of 
 
 @dataclass(frozen=True)
 class Campaign:
-    """Seeds `seed` to `seed + count - 1` of one kind (mix or a category); `judge` as in `draw.draw_case`."""
+    """Seeds `seed` to `seed + count - 1` of one kind (mix or a category), in one of `WORLDS`; of both worlds, even
+    seeds are of the first. `judge`: as in `draw.draw_case`, for the first world."""
 
     count: int
     seed: int
     kind: str = "mix"
     judge: bool | None = None
+    world: str = HOME
+
+    def world_of(self, seed: int) -> str:
+        """Which world makes the joint of a seed."""
+        return (HOME, SECOND)[seed % 2] if self.world == BOTH else self.world
 
     def seeds(self) -> range:
         """The seeds in their order."""
@@ -386,12 +188,12 @@ class Campaign:
 
     def header(self) -> dict[str, Any]:
         """First line of a record file."""
-        return {"schema": SCHEMA, "seed": self.seed, "kind": self.kind, "judge": self.judge}
+        return {"schema": SCHEMA, "seed": self.seed, "kind": self.kind, "judge": self.judge, "world": self.world}
 
 
 def run_one(campaign: Campaign, seed: int, ask: Ask, oracle: Oracle | None = None) -> dict[str, Any]:
     """One joint: recordings, blind answer, score. An error of the diagnosis is an answer too, the verdict `failed`."""
-    pair = make_pair(seed, campaign.kind, campaign.judge)
+    pair = _pair(campaign, seed)
     question = Question(pair.period, pair.fit, pair.held_out, pair.model)
     start = time.process_time()
     try:
@@ -401,20 +203,30 @@ def run_one(campaign: Campaign, seed: int, ask: Ask, oracle: Oracle | None = Non
     seconds = time.process_time() - start
     again = _after_experiment(pair, ask) if answer["verdict"] == REFUSED else None
     known: Mapping[str, float | None] = {}
-    if oracle is not None and answer["verdict"] != FAILED and pair.case.names:
+    visible = _joint_truth(pair).get("visibility") or {}
+    if visible and pair.case.effects:
+        known = {"gain": min(visible[effect.name] for effect in pair.case.effects)}
+    elif oracle is not None and answer["verdict"] != FAILED and pair.case.names:
         known = oracle(question, answer, pair.case.names, seed)
     return _record(pair, answer, seconds, known, again)
 
 
+def _pair(campaign: Campaign, seed: int) -> Pair:
+    if campaign.world_of(seed) == SECOND:
+        return make_second_pair(seed, campaign.kind)
+    return make_pair(seed, campaign.kind, campaign.judge)
+
+
 def _after_experiment(pair: Pair, ask: Ask) -> dict[str, Any]:
     """What the diagnosis says once the judge has played the general recording on the same joint; scored."""
-    bench = set_up(pair.case)
+    case = pair.case
+    bench = set_up_second(case.seed, case.category) if case.world == SECOND else set_up(case)
     fit, held_out = (bench.record("general", number, seconds) for number, seconds in ((2, FIT_S), (3, HELD_OUT_S)))
     try:
         answer = ask(Question(pair.period, fit, held_out, pair.model))
     except HdError as error:
         answer = {"verdict": FAILED, "error": str(error)}
-    return score_joint(answer, _joint_truth(pair), pair.case.tolerated).to_dict()
+    return score_joint(answer, _joint_truth(pair), case.tolerated, case.neutral).to_dict()
 
 
 def _joint_truth(pair: Pair) -> Mapping[str, Any]:
@@ -436,7 +248,10 @@ def _record(
             "strengths": [effect.strength for effect in case.effects],
             "motion": case.motion,
             "features": dict(case.features),
-            "score": score_joint(answer, _joint_truth(pair), case.tolerated).to_dict(),
+            "world": case.world,
+            "visibility": _joint_truth(pair).get("visibility"),
+            "same_law": _joint_truth(pair).get("same_law", list(case.names)),
+            "score": score_joint(answer, _joint_truth(pair), case.tolerated, case.neutral).to_dict(),
             "score_after_experiment": again,
             "answer": answer,
             "cpu_seconds": seconds,
@@ -473,9 +288,10 @@ def read_record(path: Path, campaign: Campaign) -> list[dict[str, Any]]:
 def _check_header(path: Path, entry: Any, campaign: Campaign) -> None:
     if not isinstance(entry, dict) or entry.get("schema") != SCHEMA:
         raise ConfigError(f"{path}: not a record of a campaign (schema {SCHEMA})")
-    same = {key: entry.get(key) for key in ("kind", "judge")}
-    if same != {"kind": campaign.kind, "judge": campaign.judge}:
-        raise ConfigError(f"{path}: a record of kind {same['kind']}, judge {same['judge']}; choose another file")
+    same = {"kind": entry.get("kind"), "judge": entry.get("judge"), "world": entry.get("world", HOME)}
+    if same != {"kind": campaign.kind, "judge": campaign.judge, "world": campaign.world}:
+        words = ", ".join(f"{key} {value}" for key, value in same.items())
+        raise ConfigError(f"{path}: a record of {words}; choose another file")
 
 
 def run_campaign(

@@ -6,7 +6,7 @@ A seed determines the case completely. Ranges and shares are in `config/challeng
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -20,6 +20,7 @@ from hd_control.core.strict_yaml import load_yaml
 from hd_sim.hidden_effects import VOCABULARY
 from hd_sim.plant_config import SETTINGS, PlantConfig
 from hd_sim.puzzles.random_motion import POOR
+from hd_sim.second_world.hidden import UNNAMED
 from hd_sim.sensors import noise_key
 from hd_sim.truth import HiddenEffect
 
@@ -274,6 +275,15 @@ UNKNOWN: Mapping[str, Unknown] = {
 }
 """The effects of `effects.OUTSIDE` that are unknown to a model, with what a right answer says."""
 
+
+def unknown_named(name: str) -> Unknown:
+    """What a right answer says of an effect that no library names, of either world."""
+    if name in UNKNOWN:
+        return UNKNOWN[name]
+    channels, variables = UNNAMED[name][1].channels, UNNAMED[name][1].variables
+    return Unknown(channels, variables)
+
+
 SUBSTITUTES = {"torsional_hysteresis": "maxwell_slip_hysteresis", "presliding": "maxwell_slip_friction"}
 """Effects that a judge's world makes with another law; the right name stays that of the library."""
 FEATURES = ("scheme", "friction_law", "current_lag", "sampling_jitter", "gauge_lag", "skew", "other_laws", "kinematic")
@@ -287,10 +297,15 @@ TOLERATED = {
 """Answers that a judge's feature also justifies; they count neither as right nor as wrong."""
 
 
+Neutral = Mapping[str, Mapping[str, tuple[float, float]]]
+
+
 @dataclass(frozen=True)
 class Case:
     """One challenge. `effects` act in the world; `names` are their right names in the vocabulary; `unknown` the hidden
-    effects without one; `features` of a judge's world with their sizes; `motion` names the kind of recording."""
+    effects without one; `features` of a judge's world with their sizes; `motion` names the kind of recording; `world`
+    who makes it. `neutral`: name -> parameter -> bounds: what this world always has; an answer within is neither right
+    nor wrong."""
 
     seed: int
     category: str
@@ -300,11 +315,13 @@ class Case:
     step: str
     motion: str
     features: Mapping[str, Any]
+    world: str = "home"
+    neutral: Neutral = field(default_factory=dict)
 
     @property
     def tolerated(self) -> tuple[str, ...]:
         """Names that count neither as right nor as wrong."""
-        also = [name for effect in self.unknown for name in UNKNOWN[effect].also]
+        also = [name for effect in self.unknown for name in unknown_named(effect).also]
         return tuple(sorted({*also, *(name for key in self.features for name in TOLERATED.get(key, ()))}))
 
     def to_dict(self) -> dict[str, Any]:

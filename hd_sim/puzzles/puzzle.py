@@ -11,7 +11,7 @@ from typing import Any
 from hd_control.core.errors import ConfigError
 from hd_control.core.files import write_whole
 from hd_sim.puzzles.arm_recordings import ArmPair, make_arm_pair
-from hd_sim.puzzles.draw import UNKNOWN, Case
+from hd_sim.puzzles.draw import Case, Neutral, unknown_named
 from hd_sim.puzzles.recordings import record_pair, write_bag
 from hd_sim.truth import open_seal, write_seal
 
@@ -71,18 +71,21 @@ class Score:
         return asdict(self) | {"correct": self.correct}
 
 
-def score_joint(answer: Mapping[str, Any], truth: Mapping[str, Any], tolerated: tuple[str, ...] = ()) -> Score:
-    """Scores the JSON form of one joint. `truth`: `names`, `unknown`, `parameters`, as sealed."""
+def score_joint(
+    answer: Mapping[str, Any], truth: Mapping[str, Any], tolerated: tuple[str, ...] = (), neutral: Neutral | None = None
+) -> Score:
+    """Scores the JSON form of one joint. `truth`: `names`, `unknown`, `parameters`, as sealed; `neutral`: `Case`."""
     names, hidden = list(truth["names"]), list(truth["unknown"])
     effects = list(answer.get("effects") or [])
     claimed = [effect["name"] for effect in effects]
+    tolerated = (*tolerated, *(e["name"] for e in effects if _is_neutral(e, neutral or {})))
     right = tuple(name for name in claimed if name in names)
     spare = tuple(name for name in claimed if name in tolerated and name not in names)
     wrong = tuple(name for name in claimed if name not in names and name not in tolerated)
     missed = tuple(name for name in names if name not in claimed)
     verdict = str(answer["verdict"])
     flagged = verdict in ("unknown", "missing_and_unknown")
-    also_named = bool(hidden) and bool(set(spare) & {also for h in hidden for also in UNKNOWN[h].also})
+    also_named = bool(hidden) and bool(set(spare) & {also for h in hidden for also in unknown_named(h).also})
     needless = flagged and not hidden and "unknown" not in tolerated
     exact = not wrong and not missed
     sure = any(e["name"] in wrong and float(e.get("confidence") or 0.0) >= CONFIDENT for e in effects)
@@ -107,6 +110,18 @@ def score_joint(answer: Mapping[str, Any], truth: Mapping[str, Any], tolerated: 
     )
 
 
+def _is_neutral(effect: Mapping[str, Any], neutral: Neutral) -> bool:
+    """Is this what the world always has, with parameters in the bounds that it has there?"""
+    if effect["name"] not in neutral:
+        return False
+    given = effect.get("parameters") or {}
+    for name, (low, high) in neutral[effect["name"]].items():
+        value = (given.get(name) or {}).get("value")
+        if value is None or not low <= float(value) <= high:
+            return False
+    return True
+
+
 def _in_group(names: list[str], effects: list[Mapping[str, Any]]) -> bool:
     """Is every hidden name claimed, or offered as confusable with a claim or as its runner-up?"""
     offered = set()
@@ -125,9 +140,9 @@ def _unknown_right(answer: Mapping[str, Any], hidden: list[str], what: str, also
     if not said:
         return False
     if what == "channel":
-        return any(said.get("channel") in UNKNOWN[name].channels for name in hidden)
+        return any(said.get("channel") in unknown_named(name).channels for name in hidden)
     found = {SAME_VARIABLE.get(name, name) for name in said.get("variables") or []} - {"motor_direction", "direction"}
-    return any(found & set(UNKNOWN[name].variables) for name in hidden) and len(found) <= 2
+    return any(found & set(unknown_named(name).variables) for name in hidden) and len(found) <= 2
 
 
 def _parameters(effects: list[Mapping[str, Any]], truth: Mapping[str, Mapping[str, float]]) -> list[dict[str, Any]]:
@@ -250,11 +265,11 @@ def check_challenge(folder: Path, diagnosis: Mapping[str, Any]) -> dict[str, tup
         raise ConfigError(f"the diagnosis says nothing of {', '.join(missing)}")
     case = truth.get("case", {})
     tolerated = tuple(case.get("tolerated", ()))
-    poor = case.get("category") == "poor"
+    neutral, poor = case.get("neutral", {}), case.get("category") == "poor"
     found = {}
     for name, hidden in truth["joints"].items():
         try:
-            score = score_joint(answers[name], hidden, tolerated)
+            score = score_joint(answers[name], hidden, tolerated, neutral)
         except (KeyError, TypeError, AttributeError, ValueError) as error:
             raise ConfigError(f"the diagnosis of {name} is not in the form of {DIAGNOSIS_SCHEMA} ({error})") from None
         found[name] = (score, {**hidden, "poor": poor, "motion": case.get("motion", "general")})

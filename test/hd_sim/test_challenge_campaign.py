@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from hd_control.core.errors import BagError, ConfigError
-from hd_sim.puzzles.campaign import FAILED, Campaign, make_table, read_record, run_campaign, run_one
+from hd_sim.puzzles.campaign import Campaign, read_record, run_campaign, run_one
 from hd_sim.puzzles.draw import draw_case
+from hd_sim.puzzles.tables import FAILED, make_table
 
 
 def adequate(question):

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from hd_sim.puzzles.campaign import confusion, interval, make_table, table_text
 from hd_sim.puzzles.puzzle import score_joint
+from hd_sim.puzzles.tables import confusion, interval, make_table, table_text
 
 
 def _effect(name, confidence=0.9, confusable=(), runner_up=None, **parameters):
