@@ -10,6 +10,7 @@ _Array = NDArray[np.float64]
 BLOCKS: dict[str, list[tuple[str, int, str, str]]]
 """Block -> its fields: name, numbers per joint (0: one for all), unit, meaning."""
 CODES: int
+WARM_TICKS: int
 STOPS: int
 
 class Guard:
@@ -111,6 +112,7 @@ class TorqueTick(_Tick):
     gate_open: bool
     degraded_samples: float
     lost: float
+    warm: int
     railed: _Array
     failed: bool
     reset_asked: bool

@@ -31,6 +31,7 @@ class DriveSide:
     stale: int
     ahead: int
     healthy: int
+    state: int
     reset_asked: bool
     resets: int
     def __init__(

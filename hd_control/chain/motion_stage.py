@@ -15,6 +15,7 @@ from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import GoalError
 from hd_control.core.faults import FaultCode
 from hd_control.core.robot import Robot
+from hd_control.core.topics import CONNECTING, DRIVES_STOPPED, WARMING
 from hd_control.laws import motion
 from hd_control.laws.trajectory import Motion, Path, TrajectoryFollower, hold_path
 
@@ -26,6 +27,13 @@ NOT_READY = {
     "STOPPED": "call reset",
 }
 """Modes of the torque law in which no goal is accepted, and what to do."""
+NOT_ARMED_CODE = "not_armed"
+NOT_ARMED = {
+    CONNECTING: "Activate the torque node: no command has come",
+    WARMING: "Wait: commands must come in time 100 times in a row",
+    DRIVES_STOPPED: "Call reset of the node of the drives",
+}
+"""States of the drives in which no goal is accepted, and what to do."""
 MODES = ("INACTIVE", "ACTIVE", *NOT_READY)
 """Modes of a torque law, from the one that needs least attention to the one that needs most."""
 
@@ -68,7 +76,8 @@ class MotionStage(Stage):
     """Follows one path, holds the measured position before the first and after a joint has lost its reference.
 
     `controller_mode` is the worst mode that the torque law has reported, "" before the first; any thread may set it.
-    While it is DEGRADED the path runs slowly and new goals are refused.
+    While it is DEGRADED the path runs slowly and new goals are refused. `drive_state` is what the drives say of
+    themselves, "" if nobody says it; goals that start at once are refused until they are armed.
     """
 
     def __init__(self, robot: Robot, dt: float, blend_time: float) -> None:
@@ -80,6 +89,7 @@ class MotionStage(Stage):
         self._paths: dict[int, tuple[Path, Any]] = {}
         self._numbers = 0
         self._resets = 0
+        self.drive_state = ""
 
     @property
     def follower(self) -> StageFollower | None:
@@ -123,12 +133,18 @@ class MotionStage(Stage):
     def reset_answer(self, answer: None) -> None:
         self._resets = self.native.resets
 
-    def refuse_unless_ready(self) -> None:
-        """Raises GoalError while the torque law is degraded or stopped."""
+    def refuse_unless_ready(self, at_once: bool = False) -> None:
+        """Raises GoalError while the torque law is degraded or stopped, or the drives do not obey.
+
+        Drives that are being armed refuse only a goal that starts `at_once`; a later start may find them armed.
+        """
         remedy = NOT_READY.get(self.controller_mode)
         if remedy is not None:
             text = FaultCode.GOAL_BAD.line(f"the torque law is {self.controller_mode}, goals need ACTIVE")
             raise GoalError("controller_state", f"{text}. {remedy[0].upper()}{remedy[1:]}.")
+        if self.drive_state in NOT_ARMED and (at_once or self.drive_state == DRIVES_STOPPED):
+            text = FaultCode.GOAL_BAD.line(f"not yet armed: the drives are {self.drive_state}")
+            raise GoalError(NOT_ARMED_CODE, f"{text}. {NOT_ARMED[self.drive_state]}.")
 
     def hand_over(self, path: Path) -> None:
         """Gives a checked path to the loop, from any thread; the newest wins."""

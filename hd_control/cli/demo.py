@@ -137,7 +137,7 @@ def drive(session: Session, plan: Plan, period: float, lockstep: bool) -> int:
             session.send_goal(goal, period)
         session.run_to(plan.ticks, timeout=60.0 + plan.ticks * period * 10.0)
         return 0
-    session.wait_until_tick(1)
+    session.wait_until_armed()
     shift = session.tick()
     for tick, goal in plan.goals:
         answer = session.send_goal(replace(goal, start_tick=None), period)

@@ -47,6 +47,9 @@ def run(arguments: argparse.Namespace) -> int:
         with session:
             session.activate()
             say(arguments, f"running: {', '.join(process.path for process in session.processes)}; Ctrl-C stops")
+            if session.has_drives:
+                session.wait_until_armed()
+                say(arguments, "armed: the drives obey, goals are taken")
             session.stay(arguments.ticks)
     except KeyboardInterrupt:
         pass

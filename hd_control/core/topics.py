@@ -21,7 +21,7 @@ TEMPERATURE, GOAL, DESCRIPTION, DIAGNOSTICS = (
     "robot_description",
     "diagnostics",
 )
-MODE = "torque_mode"
+MODE, DRIVES = "torque_mode", "drive_state"
 PROGRESS, CLOCK = "recorder/progress", "/clock"
 SENSORS = (ENCODER, RESOLVER, GAUGE, APPLIED)
 TICK_NS = 1_000_000
@@ -32,6 +32,9 @@ VALUES_TYPE = "std_msgs/msg/Float64MultiArray"
 TEXT_TYPE = "std_msgs/msg/String"
 TRAJECTORY_TYPE = "trajectory_msgs/msg/JointTrajectory"
 DIAGNOSTICS_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
+CONNECTING, WARMING, ARMED, DRIVES_STOPPED = DRIVE_STATES = ("CONNECTING", "WARMING", "ARMED", "STOPPED")
+"""What `drive_state` says: no command came yet; commands come, but not in time often enough in a row; they are obeyed;
+the drives hold a latched stop."""
 HEADER_FIRST = frozenset({JOINT_STATE_TYPE, TEMPERATURE_TYPE, TRAJECTORY_TYPE, DIAGNOSTICS_TYPE})
 """Types whose messages begin with a header."""
 
@@ -134,6 +137,7 @@ TOPICS: dict[str, Topic] = {
             acts_later=1,
         ),
         Topic(MODE, TEXT_TYPE, 0, "node and mode of a torque law, on every change", latched=True, event=True),
+        Topic(DRIVES, TEXT_TYPE, 0, "what the drives do with commands, on every change", latched=True, event=True),
         Topic(DESCRIPTION, TEXT_TYPE, 0, "URDF", latched=True, event=True),
         Topic(DIAGNOSTICS, DIAGNOSTICS_TYPE, 0, "loop statistics, faults, adaptation state", event=True),
     )

@@ -207,6 +207,7 @@ class MotionTick {
 // ------------------------------------------------------------------------------------------------ torque
 
 constexpr int kWatchTicks = 10;                  // the adaptation is looked at every so many ticks
+constexpr int kWarmTicks = 50;                   // in a row since the activation before lateness is a fault
 constexpr double kReferenceTolerance = 0.005;    // rad; a reference further from the joint refuses a reset
 
 enum class TorqueLaw { adaptive, manifold, feedback };
@@ -264,6 +265,7 @@ class TorqueTick {
         gate_open = false;
         std::fill(adaptation.begin(), adaptation.end(), 0.0);
         input_ticks = unseen_;
+        warm = 0;
         tick = -1;
     }
 
@@ -315,14 +317,20 @@ class TorqueTick {
     std::atomic<bool> failed{false}, reset_asked{false};
     std::atomic<int> resets{0};
     int refused = 0;
+    int warm = 0;  // ticks in a row since the activation, up to `kWarmTicks`: nodes lose some while they find each other
 
   private:
+    bool judges_lateness() const { return warm >= kWarmTicks; }
+
     // Lost ticks, gauge and adaptation; counts how long the robot stays degraded. Rows are what they demand.
     void monitor(std::int64_t now) {
         rows.count = 0;
         const TorqueSample in(sample.data(), n);
         const double gap = tick >= 0 ? static_cast<double>(now - tick - 1) : 0.0;
-        lost = lost_ticks(gap, lost, guard.limits, guard.guard_limits, rows);
+        if (judges_lateness())
+            lost = lost_ticks(gap, lost, guard.limits, guard.guard_limits, rows);
+        else
+            warm = gap > 0.0 ? 0 : warm + 1, lost = 0.0;
         law_gauge_rail(in.joint_torque, railed.data(), guard.guard_limits, n, rows);
         if (law == TorqueLaw::adaptive && has_state && now % kWatchTicks == 0) watch(in);
         if (rows.count > 0 && rows.strongest() >= kDegrade)
@@ -443,14 +451,15 @@ class TorqueTick {
         if (rows.count > 0) table.note(rows, static_cast<double>(now));
     }
 
-    // Samples since the oldest input was there; negative if one is ahead of this tick, which is the first to be said.
+    // Samples since the oldest input was there, 0 while lateness is not judged; negative if one is ahead of this tick,
+    // which is the first to be said.
     double input_age(double now) const {
         double oldest = 0.0;
         for (const double seen : input_ticks) {
             if (now < seen) return now - seen;
             if (now - seen > oldest) oldest = now - seen;
         }
-        return oldest;
+        return judges_lateness() ? oldest : 0.0;
     }
 
     // Between two ticks, on request of the reset service.

@@ -307,6 +307,7 @@ void bind_torque(py::module_& m) {
         .def_readwrite("gate_open", &TorqueTick::gate_open)
         .def_readwrite("degraded_samples", &TorqueTick::degraded_samples)
         .def_readwrite("lost", &TorqueTick::lost)
+        .def_readonly("warm", &TorqueTick::warm)
         .def_property_readonly("railed", [](const py::object& s) { return view(s.cast<TorqueTick&>().railed, s); })
         .def_property("failed", [](const TorqueTick& t) { return t.failed.load(); },
                       [](TorqueTick& t, bool failed) { t.failed.store(failed); })
@@ -407,6 +408,7 @@ PYBIND11_MODULE(_chain, m) {
     blocks["AdaptationWatch"] = field_list<AdaptationWatch>();
     m.attr("BLOCKS") = blocks;
     m.attr("CODES") = kCodes;
+    m.attr("WARM_TICKS") = kWarmTicks;
     bind_guard(m);
     bind_tables(m);
     bind_fusion(m);

@@ -127,9 +127,11 @@ class LiveRobot:
             if refused:
                 raise HdError(refused)
             return begun
+        try:
+            session.wait_until_armed(START_S)
+        except HdError as error:
+            raise NotKept(str(error)) from error
         self._until(session.tick() + planned, planned * period)
-        if session.fresh_diagnostics(session.plant_node).get("armed") == "False":
-            raise NotKept("the drives never obeyed: commands did not come in time 100 times in a row")
         answer = session.send_goal(replace(goal, start_tick=None), period)
         return int(answer.split()[answer.split().index("start_tick") + 1]) - planned
 

@@ -20,7 +20,7 @@ from hd_control.core.parameters import Change, Parameter, ParameterSet
 from hd_control.laws import fusion, motion, torque
 from hd_control.nodes.goals import GoalService, serve_trajectory_action
 from hd_control.nodes.stage_shell import StageShell, own_values, prefixed
-from hd_control.nodes.stop_services import BLACK_BOX, ModePublisher, serve_black_box, serve_reset
+from hd_control.nodes.stop_services import BLACK_BOX, ModePublisher, follow_drives, serve_black_box, serve_reset
 from hd_control.safety.limits import LIMITS, safety_limits
 
 LAWS = {"fusion": fusion, "motion": motion, "torque": torque}
@@ -46,6 +46,7 @@ class ChainNode(StageShell):
         super().__init__("chain", own, CHAIN_PARTS)
         self.goals = GoalService(self, self.motion, lambda: own_values(self.values, "motion"))
         self.mode_topic = ModePublisher(self)
+        follow_drives(self, self.motion)
         self.black_boxes = serve_black_box(self, self.boxes)
         self.action = serve_trajectory_action(self, self.goals, self.motion)
         serve_reset(self, lambda: self.torque)

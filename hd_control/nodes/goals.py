@@ -72,7 +72,7 @@ class GoalService:
         stage = self._stage
         if not self._node.active or stage.follower is None:
             raise refusal("not_active", "", "the motion law does not run", "Activate it and start the plant")
-        stage.refuse_unless_ready()
+        stage.refuse_unless_ready(at_once=goal.start_tick is None)
         limits = GoalLimits.from_values(self._values(), self._node.robot)
         for lead in LEADS if goal.start_tick is None else (0,):
             tick = stage.tick

@@ -158,7 +158,7 @@ class ModePublisher:
 
 
 class ModeInput:
-    """Keeps the worst mode of all torque nodes where the motion law looks."""
+    """Keeps the worst mode of all torque nodes, and the state of the drives, where the motion law looks."""
 
     def __init__(self, node: Shell, stage: MotionStage) -> None:
         self._stage = stage
@@ -166,12 +166,22 @@ class ModeInput:
         latched = DurabilityPolicy.TRANSIENT_LOCAL
         qos = QoSProfile(depth=NODES, reliability=ReliabilityPolicy.RELIABLE, durability=latched)
         node.create_subscription(String, topics.MODE, self._take, qos)
+        follow_drives(node, stage)
 
     def _take(self, message: String) -> None:
         name, _, mode = message.data.partition(" ")
         if mode in MODES:
             self._modes[name] = mode
             self._stage.controller_mode = max(self._modes.values(), key=MODES.index)
+
+
+def follow_drives(node: Shell, stage: MotionStage) -> None:
+    """Keeps the state of the drives where the motion law looks."""
+
+    def take(message: String) -> None:
+        stage.drive_state = message.data if message.data in topics.DRIVE_STATES else ""
+
+    node.create_subscription(String, topics.DRIVES, take, latched_qos())
 
 
 # ---- The reset -------------------------------------------------------------------------------------

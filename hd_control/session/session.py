@@ -27,7 +27,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from hd_control.chain.motion_stage import NOT_ARMED, NOT_ARMED_CODE
 from hd_control.core.errors import ConfigError, GoalError, HdError
+from hd_control.core.topics import ARMED, DRIVES_STOPPED
 from hd_control.laws.trajectory import Goal
 from hd_control.nodes.process import DISCOVERY, prepare_environment
 
@@ -238,6 +240,7 @@ CALL_TIMEOUT = 15.0
 TRANSITION_TIMEOUT = 60.0
 """s; a node that is configured loads its laws, and on a busy machine seven of them share two processors."""
 RECORDED_TIMEOUT = 5.0
+ARM_TIMEOUT = 20.0
 CORE_OF_TWO = {"plant_node": "0", "torque_node": "0", "fusion_node": "1", "motion_node": "1"}
 
 
@@ -352,13 +355,36 @@ class Session:
         """Calls `~/reset`; returns the reasons of a refusal, empty if granted."""
         return str(self.client.reset(self._path(node), CALL_TIMEOUT))
 
+    def wait_until_armed(self, timeout: float = ARM_TIMEOUT) -> None:
+        """Waits until the drives obey. Raises HdError with what stands in the way."""
+        end = time.monotonic() + timeout
+        self._wait(lambda: self.client.drive_state == ARMED or time.monotonic() > end, math.inf, "")
+        if self.client.drive_state != ARMED:
+            raise HdError(f"not armed within {timeout:g} s: {self._not_armed()}")
+
+    def _not_armed(self) -> str:
+        """Why the drives do not obey, from what they and the nodes say."""
+        state = self.client.drive_state or f"{self.plant_node} says nothing"
+        why = NOT_ARMED.get(state, "")
+        nodes = [(process.node, self.diagnostics(process.node)) for process in self.processes]
+        said = [f"{node}: {own['message']}" for node, own in nodes if own.get("message", "running") != "running"]
+        return "; ".join(filter(None, [f"the drives are {state}" if why else state, why, *said]))
+
     def send_goal(self, goal: Goal, period: float = 1e-3, timeout: float = CALL_TIMEOUT) -> str:
-        """Publishes a goal and waits for the answer; returns the acceptance text. Raises GoalError if refused."""
-        answer: str = self.client.send_goal(goal, round(period * 1e9), timeout)
-        if answer.startswith("refused"):
+        """Publishes a goal and waits for the answer; returns the acceptance text. Raises GoalError if refused.
+
+        A goal of drives that are being armed is sent again once they are.
+        """
+        end = time.monotonic() + timeout
+        while True:
+            answer: str = self.client.send_goal(goal, round(period * 1e9), timeout)
+            if not answer.startswith("refused"):
+                return answer
             _, _, code, text = answer.split(" ", 3)
-            raise GoalError(code.rstrip(":"), text)
-        return answer
+            arming = code.rstrip(":") == NOT_ARMED_CODE and self.client.drive_state != DRIVES_STOPPED
+            if not arming or time.monotonic() > end:
+                raise GoalError(code.rstrip(":"), text)
+            time.sleep(0.01)
 
     def tick(self) -> int:
         """The next tick of the plant as it last reported; -1 before the first report."""
@@ -381,6 +407,12 @@ class Session:
         end = time.monotonic() + RECORDED_TIMEOUT
         while self.plan.bag is not None and self.client.recorded < tick - 1 and time.monotonic() < end:
             time.sleep(0.005)
+
+    @property
+    def has_drives(self) -> bool:
+        """Does this session run drives, and laws that give them commands?"""
+        executables = {process.executable for process in self.processes}
+        return "chain" in executables or set(FOUR) <= executables
 
     @property
     def plant_node(self) -> str:

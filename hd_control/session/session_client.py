@@ -51,6 +51,7 @@ class SessionClient:
             name, context=self._context, namespace=f"/{namespace.strip('/')}", enable_rosout=False
         )
         self.tick = self.recorded = -1
+        self.drive_state = ""
         self.diagnostics: dict[str, dict[str, str]] = {}
         self.diagnostics_heard: dict[str, int] = {}
         self.answers: list[str] = []
@@ -58,6 +59,7 @@ class SessionClient:
         for plant in ("plant_node", "chain"):
             self.node.create_subscription(UInt64, f"{plant}/progress", self._progress, latched_qos())
         self.node.create_subscription(UInt64, topics.PROGRESS, self._recorded, latched_qos())
+        self.node.create_subscription(String, topics.DRIVES, self._drives, latched_qos())
         self.node.create_subscription(DiagnosticArray, "diagnostics", self._diagnose, chain_qos(100))
         for motion in ("motion_node", "chain"):
             self.node.create_subscription(String, f"{motion}/goal_status", self._answer, latched_qos())
@@ -152,6 +154,9 @@ class SessionClient:
 
     def _progress(self, message: UInt64) -> None:
         self.tick = message.data
+
+    def _drives(self, message: String) -> None:
+        self.drive_state = message.data
 
     def _recorded(self, message: UInt64) -> None:
         self.recorded = message.data

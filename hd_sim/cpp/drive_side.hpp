@@ -24,6 +24,8 @@ constexpr double kLetGoSamples = 3.0;     // commands of exactly zero in a row f
 constexpr double kMovingSpeed = 0.05;     // rad/s; above what the quantisation of a 16-bit joint sensor looks like
 constexpr double kVelocityWeight = 0.18;  // share of a new difference: a low-pass of 200 rad/s at 1 kHz
 
+enum DriveState { kConnecting = 0, kWarming = 1, kArmed = 2, kStopped = 3 };
+
 class DriveSide {
   public:
     // `position_at`, `velocity_at`: where the true joint angles and rates lie in the plant's state.
@@ -87,6 +89,12 @@ class DriveSide {
         oldest = joints == nullptr ? tick : *std::min_element(command_tick.begin(), command_tick.end());
         newest = std::max(newest, tick);
         return true;
+    }
+    // What the drives do with commands now.
+    int state() const {
+        if (guard.stopped()) return kStopped;
+        if (open) return kArmed;
+        return newest == kNever ? kConnecting : kWarming;
     }
     bool complete(std::int64_t tick) const { return oldest >= tick; }
 

@@ -145,5 +145,12 @@ PYBIND11_MODULE(_drive_side, m) {
         .def("take_capsule", capsule(Take{}))
         .def_property_readonly("true_position", block(&DriveSide::true_position))
         .def("commands_capsule", &commands_capsule)
+        .def_property_readonly("state", &DriveSide::state)
+        .def("state_capsule", [](const py::object& self) {
+            const hd::Reading reading{&self.cast<DriveSide&>(), [](void* side) {
+                return static_cast<std::int64_t>(static_cast<DriveSide*>(side)->state());
+            }};
+            return hd::owned_capsule(reading, hd::kReadingCapsule, self);
+        })
         .def_property_readonly("incoming", block(&DriveSide::incoming));
 }

@@ -14,7 +14,7 @@ from hd_control.core.faults import Action, Fault, FaultCode
 from hd_control.nodes.fast_loop import chain_qos, latched_qos, message_runs
 from hd_control.nodes.shell import ERROR, OK, WARN, Shell, foreign_report
 from hd_control.nodes.stage_shell import Output
-from hd_control.record.cdr import ENCAPSULATION, ClockCodec, TemperatureCodec
+from hd_control.record.cdr import ENCAPSULATION, ClockCodec, TemperatureCodec, encode_text
 from hd_sim.nodes.plant_turn import PlantTurn
 from hd_sim.world import World, sensor_arrays
 
@@ -34,6 +34,7 @@ class PlantTopics:
         self._temperature = self._publisher(Temperature, topics.TEMPERATURE, chain_qos(2 * len(self._names)))
         self._clock = self._publisher(Clock, topics.CLOCK, chain_qos()) if lockstep else None
         progress = self._publisher(UInt64, "~/progress", latched_qos())
+        self._state = self._publisher(String, topics.DRIVES, latched_qos())
         self._publisher(String, topics.DESCRIPTION, latched_qos()).publish(String(data=node.robot.urdf))
         self.commands = self._subscription(JointState, topics.COMMAND, chain_qos(4 * len(self._names)))
         self._behind = self._subscription(UInt64, topics.PROGRESS, latched_qos())
@@ -62,6 +63,9 @@ class PlantTopics:
         if self._clock is not None:
             codec = ClockCodec()
             plane.send.send(plane.outbox(self._clock.handle, codec.encode(), codec.stamp_place, []))
+        texts = [encode_text(state) for state in topics.DRIVE_STATES]
+        state = plane.outbox(self._state.handle, texts[0], _plane.NO_STAMP, [])
+        plane.send.announce(state, turn.drives.state_capsule(), texts)
         found = turn.sensors.view("motor_temperature")
         for joint, name in enumerate(self._names):
             warm = TemperatureCodec(name)

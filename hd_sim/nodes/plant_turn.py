@@ -21,19 +21,19 @@ TEMPERATURE_PERIOD_NS = 100_000_000
 class PlantTurn(NativeTurn):
     """The world in a loop that sets the tick. What is sent per tick is added to `plane.send` by its topics.
 
-    `sensors` are the readings of the present tick, always in the same memory.
+    `sensors` are the readings of the present tick, always in the same memory; `drives` is the compiled drive side.
     """
 
     plane: _plane.TimedLoop
 
     def __init__(self, world: World, dt_ns: int, lockstep: bool, recorder_lag: int) -> None:
-        native, joints = world.seam.native, len(world.joint_names)
+        self.drives, joints = world.seam.native, len(world.joint_names)
         self.temperature_ticks = max(1, TEMPERATURE_PERIOD_NS // dt_ns)
-        commands = native.commands_capsule()
+        commands = self.drives.commands_capsule()
         super().__init__(_plane.TimedLoop(dt_ns, lockstep, recorder_lag, self.temperature_ticks, joints, commands))
         self._world = world
         self.sensors = world.seam.readings
-        self.plane.set_steps(native.measure_capsule(), native.advance_capsule())
+        self.plane.set_steps(self.drives.measure_capsule(), self.drives.advance_capsule())
 
     def start(self) -> None:
         """A new activation. Lock-step counts on from where it was, from 0 the first time; wall time starts anew."""

@@ -141,8 +141,8 @@ class Shadow:
               stop=(guard.stop.array, wanted.stop.array), measured=(guard.measured.array, wanted.measured.array),
               mean_torque=(guard.state.mean_torque, wanted.mean_torque), mode=(stage.mode, oracle.mode),
               last_tick=(guard.last_tick, wanted.last_tick), failed=(native.failed, oracle.failed),
-              counts=([stage.degraded_samples, native.lost, guard.healthy, native.resets],
-                      [oracle.degraded_samples, oracle.lost, wanted.healthy, oracle.resets]))  # fmt: skip
+              counts=([stage.degraded_samples, native.lost, native.warm, guard.healthy, native.resets],
+                      [oracle.degraded_samples, oracle.lost, oracle.warm, wanted.healthy, oracle.resets]))  # fmt: skip
         self.modes.add(oracle.mode)
         if oracle.resets != self.resets["torque"]:
             check(where, answer=(stage.reset_answer, oracle.refused))

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from node_runs import JOINTS, PAUSE, a_goal, random_domain
 
-from hd_control.core.errors import GoalError
+from hd_control.core.errors import GoalError, HdError
+from hd_control.laws.trajectory import Goal
 from hd_control.session.session import RunPlan, Session
 
 TERMS = (
@@ -65,6 +66,22 @@ def test_a_bad_change_is_refused_as_a_whole(session: Session, values: dict[str, 
     assert session.get_parameters("torque_node") == before
 
 
+def test_a_goal_at_once_waits_for_the_drives_and_a_session_says_what_they_wait_for(session: Session) -> None:
+    assert session.tick() <= PAUSE, "the plant stands still before the drives obey"
+    goal = replace(a_goal(), start_tick=None, identifier="early")
+    session.wait_for(lambda: session.client.drive_state == "WARMING", 10.0, "no state of the drives")
+    session.wait_for(lambda: refusal(session, goal).startswith("refused early not_armed"), 10.0, "never refused for it")
+    text = refusal(session, goal)
+    assert "not yet armed: the drives are WARMING" in text and "100 times in a row" in text
+    with pytest.raises(HdError, match="not armed within 0.1 s: the drives are WARMING; Wait: commands must come"):
+        session.wait_until_armed(0.1)
+
+
+def refusal(session: Session, goal: Goal) -> str:
+    answer: str = session.client.send_goal(goal, 1_000_000, 10.0)
+    return answer
+
+
 def test_goals_are_refused_with_joint_and_limit(session: Session) -> None:
     goal = a_goal()
     positions = goal.positions.copy()
@@ -113,6 +130,7 @@ def test_a_new_goal_is_accepted_and_followed(session: Session) -> None:
     answer = session.send_goal(goal)
     assert answer == f"accepted again start_tick {goal.start_tick} end_tick {goal.start_tick + 313}"
     session.run_to(goal.start_tick + 350)
+    session.wait_until_armed()
     session.wait_for(lambda: session.diagnostics("motion_node").get("moving") == "False", 10.0, "the goal did not end")
 
 

@@ -15,7 +15,7 @@ from hd_control.laws.trajectory import TrajectoryFollower
 
 RAMP_TIME, GAIN_TIME = 0.5, 0.1
 """s from an old model to the new one, from old gains and bounds to new ones."""
-REDUNDANCY_TICKS, WATCH_TICKS = 4, 10
+REDUNDANCY_TICKS, WATCH_TICKS, WARM_TICKS = 4, 10, 50
 """The sensors are compared, the adaptation is looked at every so many ticks."""
 LOST_TOLERANCE, REFERENCE_TOLERANCE = 0.05, 0.005
 """rad; a reference further from the joint loses its goal, refuses a reset."""
@@ -346,7 +346,7 @@ class TorqueStage(Stage):
         super().__init__(torque, params, dt)
         n = params.joints
         self.joint_names, self.limits, self.guard = joint_names, limits, Guard(limits, low, high, speed, dt)
-        self.degraded_samples, self.lost, self.railed = 0, 0.0, np.zeros(n)
+        self.degraded_samples, self.lost, self.warm, self.railed = 0, 0.0, 0, np.zeros(n)
         self.adaptation, self.allowed = loop_monitors_law.initial(n), np.zeros(n)
         self.failed, self.faults, self.gate_open = False, FaultLog(), False
         self.input_ticks = np.full(4, -1.0)
@@ -359,7 +359,7 @@ class TorqueStage(Stage):
         if kept is not None:
             self.state, self.params, self.taken = torque.restarted(kept), before, before
         self.guard.deactivate()
-        self.gate_open = False
+        self.gate_open, self.warm = False, 0
         self.adaptation = loop_monitors_law.initial(self.sample.joints)
 
     @property
@@ -395,8 +395,11 @@ class TorqueStage(Stage):
 
     def _monitor(self, tick):
         """Lost ticks, gauge and adaptation; counts how long the robot stays degraded."""
-        gap = tick - self.tick - 1 if self.tick >= 0 else 0
-        self.lost, found = loop_monitors_law.lost_ticks(gap, self.lost, self.limits)
+        gap, found = tick - self.tick - 1 if self.tick >= 0 else 0, []
+        if self.warm >= WARM_TICKS:
+            self.lost, found = loop_monitors_law.lost_ticks(gap, self.lost, self.limits)
+        else:
+            self.warm, self.lost = 0 if gap > 0 else self.warm + 1, 0.0
         self.railed, more = loop_monitors_law.gauge_rail(self.sample.joint_torque, self.railed, self.limits.guard)
         found += more
         if tick % WATCH_TICKS == 0 and self.state is not None and self.state.layout.name == "TorqueState":
@@ -434,10 +437,14 @@ class TorqueStage(Stage):
         self.faults.note(self.found, tick)
 
     def _input_age(self, tick):
-        """Samples since the oldest input was there, negative if one is of a later tick; one not seen yet has none."""
+        """Samples since the oldest input was there, negative if one is of a later tick; one not seen yet has none.
+
+        The first ticks of an activation may be late.
+        """
         ages = tick - self.input_ticks[~np.isnan(self.input_ticks)]
         ahead = ages[ages < 0.0]
-        return ahead[0] if ahead.size else max([0.0, *ages])
+        oldest = max([0.0, *ages]) if self.warm >= WARM_TICKS else 0.0
+        return ahead[0] if ahead.size else oldest
 
     def _answer_reset(self):
         """Refused too while a goal runs, or the reference is not where the joint is."""
