@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -451,3 +452,30 @@ def test_a_context_shut_down_under_traffic_ends_nothing_but_the_traffic() -> Non
         ring.loop.stop()
         ring.turn.close()
         node.destroy_node()
+
+
+def test_ticks_go_on_while_another_thread_holds_the_interpreter(node: Node, tmp_path: Path) -> None:
+    """A loop whose steps are compiled needs no interpreter: a call that keeps it for half a second holds nothing up."""
+    ring = Ring(node)
+    ring.plane.program.copy(ring.numbers[1], ring.numbers[0])
+    ring.plane.program.send(ring.outbox())
+    ring.start()
+    sender = tmp_path / "sender.py"
+    sender.write_text(FLOOD)
+    flood = subprocess.Popen(
+        [sys.executable, str(sender)], env=child_environment(node.context.get_domain_id(), False)
+    )
+    try:
+        assert until(lambda: ring.turn.tick > 0)
+        hold = ctypes.PyDLL(None).usleep  # PyDLL keeps the interpreter lock during the call
+
+        def went_on() -> bool:
+            before = ring.turn.tick
+            hold(200_000)
+            return ring.turn.tick > before + 1
+
+        assert until(went_on)
+    finally:
+        flood.terminate()
+        flood.wait(SECONDS)
+    ring.close()
