@@ -171,15 +171,11 @@ std::size_t add_topic(hd::SampleQueues& queues, std::uint16_t channel, hd::Head 
     return queues.add({channel, head, depth, event, awaited, paced, std::move(account)});
 }
 
-// Where only the number of a publication is known, its stream stands for the publisher.
 void offer(hd::SampleQueues& queues, std::size_t topic, std::int64_t log_ns, const py::buffer& payload,
-           std::optional<std::uint64_t> number) {
+           std::optional<std::uint64_t> number, std::string_view publisher) {
     const Bytes bytes(payload);
     hd::Origin origin{number.has_value(), {}, number.value_or(0)};
-    if (origin.known) {
-        const std::string_view frame = hd::stamp_and_frame(hd::Head::header, bytes.get()).frame;
-        std::copy_n(frame.begin(), std::min(frame.size(), origin.publisher.size()), origin.publisher.begin());
-    }
+    std::copy_n(publisher.begin(), std::min(publisher.size(), origin.publisher.size()), origin.publisher.begin());
     queues.offer(topic, log_ns, bytes.get(), origin);
 }
 
@@ -248,7 +244,8 @@ void bind_queues(py::module_& module) {
              py::arg("samples"), py::arg("bytes"), py::arg("record"))
         .def("add", &add_topic, py::arg("channel"), py::arg("head"), py::arg("depth"), py::arg("event"),
              py::arg("awaited"), py::arg("paced"), py::arg("account"))
-        .def("offer", &offer, py::arg("topic"), py::arg("log_ns"), py::arg("payload"), py::arg("number") = py::none())
+        .def("offer", &offer, py::arg("topic"), py::arg("log_ns"), py::arg("payload"), py::arg("number") = py::none(),
+             py::arg("publisher") = "")
         .def("drain", &drain, py::arg("file"), py::arg("limit"))
         .def("fail", &hd::SampleQueues::fail)
         .def("table", &table)
@@ -268,7 +265,7 @@ void bind_threads(py::module_& module) {
         .def(
             "report_to", [](hd::Pump& pump, std::uintptr_t publisher) { pump.report_to(address(publisher)); },
             py::call_guard<Free>())
-        .def("start", &hd::Pump::start)
+        .def("start", &hd::Pump::start, py::arg("rest"), py::call_guard<Free>())
         .def("end", &hd::Pump::end, py::call_guard<Free>())
         .def("record", &hd::Pump::record, py::arg("queues").none(true), py::call_guard<Free>())
         .def_property_readonly("taken", &hd::Pump::taken);

@@ -36,7 +36,8 @@ if TYPE_CHECKING:
 
 _LIBC = ctypes.CDLL(None, use_errno=True)
 _MCL_CURRENT, _MCL_FUTURE, _TIMER_ABSTIME = 1, 2, 1
-PRIORITY = 40
+PRIORITY, RECEIVING_PRIORITY = 40, 20
+"""Of a control loop, and of the threads that receive for a process without one."""
 BESIDE = -10
 """Nice value of the threads beside the loop."""
 SWITCH_INTERVAL = 1e-4
@@ -50,8 +51,12 @@ class _Timespec(ctypes.Structure):
     _fields_ = [("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long)]
 
 
-def request_real_time() -> list[str]:
+def request_real_time(only_receiving: bool = False) -> list[str]:
     """Takes SCHED_FIFO, locked memory and affinity where permitted; returns one line for each thing that was done.
+
+    `only_receiving`: for a process without a control loop, whose receiving threads shall not be held up by ordinary
+    programs, below the loops of others and without locked memory. While such a thread stands still its queue in shared
+    memory runs over, and it may hold a lock that a sender of the control chain wants.
 
     A shorter interpreter switch interval keeps the executor thread from holding the loop up for the default 5 ms.
     """
@@ -66,11 +71,14 @@ def request_real_time() -> list[str]:
             done.append(f"cores {cores} refused ({error})")
     if os.environ.get("HD_REAL_TIME", "auto") == "off":
         return [*done, "real time off"]
+    priority = RECEIVING_PRIORITY if only_receiving else PRIORITY
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
-        done.append(f"SCHED_FIFO {PRIORITY}")
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+        done.append(f"SCHED_FIFO {priority}" + (" for receiving" if only_receiving else ""))
     except OSError:
         done.append("SCHED_FIFO not permitted")
+    if only_receiving:
+        return done
     locked = _LIBC.mlockall(_MCL_CURRENT | _MCL_FUTURE) == 0
     done.append("memory locked" if locked else "mlockall not permitted")
     return done
@@ -140,21 +148,25 @@ def prepare_environment() -> str:
     )
 
 
-def run_node(make: Callable[[], Shell], arguments: Sequence[str] | None = None) -> NoReturn:
+def run_node(
+    make: Callable[[], Shell], arguments: Sequence[str] | None = None, only_receiving: bool = False
+) -> NoReturn:
     """Runs the node that `make` builds until a signal asks it to stop, and ends the process with the exit code.
+
+    `only_receiving`: its loop is no control loop, see `request_real_time`.
 
     The process ends without the interpreter's own clean-up: threads of the middleware can hold that up for seconds
     after everything has been closed in order.
     """
-    code = _run(make, arguments)
+    code = _run(make, arguments, only_receiving)
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)
 
 
-def _run(make: Callable[[], Shell], arguments: Sequence[str] | None) -> int:
+def _run(make: Callable[[], Shell], arguments: Sequence[str] | None, only_receiving: bool) -> int:
     warning = prepare_environment()
-    notes = request_real_time()
+    notes = request_real_time(only_receiving)
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 
@@ -167,6 +179,8 @@ def _run(make: Callable[[], Shell], arguments: Sequence[str] | None) -> int:
     try:
         node = make()
         demote_middleware()
+        if only_receiving:
+            leave_real_time()
         if warning:
             node.get_logger().warning(warning)
         node.get_logger().info(f"run {node.run_id}: {', '.join(notes)}")

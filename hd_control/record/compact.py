@@ -12,7 +12,7 @@ import numpy as np
 from hd_control.core.errors import BagError
 from hd_control.core.files import replaced
 from hd_control.record.mcap_read import McapSource
-from hd_control.record.mcap_write import McapFile, block_records
+from hd_control.record.mcap_write import LONGEST_RECORD, McapFile, block_records, parts
 
 Digests = dict[int, Any]
 
@@ -51,10 +51,10 @@ def _write(source: McapSource, target: Path, give_up: Callable[[], bool] | None)
             if give_up is not None and give_up():
                 raise _GivenUp
             for channel in np.unique(block.channel).tolist():
-                part = block.select(block.channel == channel)
-                data, places = block_records(part, numbers[channel])
-                digests.setdefault(channel, hashlib.sha256()).update(data)
-                file.add_chunk(numbers[channel], data, part.log_time_ns, places)
+                for part in parts(block.select(block.channel == channel), LONGEST_RECORD):
+                    data, places = block_records(part, numbers[channel])
+                    digests.setdefault(channel, hashlib.sha256()).update(data)
+                    file.add_chunk(numbers[channel], data, part.log_time_ns, places)
         file.finish()
     return {channel: digest.hexdigest() for channel, digest in digests.items()}
 

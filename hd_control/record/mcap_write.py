@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import struct
 import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -22,7 +23,7 @@ from hd_control._pump import RecordFile
 from hd_control.core.arrays import ByteArray, IntArray
 from hd_control.record.accounting import TopicAccount
 from hd_control.record.bag_folder import TopicEntry
-from hd_control.record.block import Block
+from hd_control.record.block import RECORD_CAP, Block
 from hd_control.record.cdr import Buffer
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -39,6 +40,8 @@ _HEAD = np.dtype(
 )
 _INDEX = struct.Struct("<BQHI")
 ZSTD_LEVEL = 1
+LONGEST_RECORD = RECORD_CAP - (2 << 20)
+"""Bytes of a message record that the reader takes, also in a chunk with others that zstd does not make any shorter."""
 
 
 class Stream(Protocol):
@@ -283,3 +286,14 @@ def block_records(block: Block, channel: int) -> tuple[bytes, IntArray]:
     )
     places = np.concatenate([[0], np.cumsum(block.length + MESSAGE.size)[:-1]]).astype(np.int64)
     return data, places
+
+
+def parts(block: Block, most: int) -> Iterator[Block]:
+    """Runs of messages whose records have at most `most` bytes together, at least one message each."""
+    ends = np.cumsum(block.length + MESSAGE.size)
+    begin, count = 0, len(ends)
+    while begin < count:
+        taken = int(ends[begin - 1]) if begin else 0
+        end = max(begin + 1, int(np.searchsorted(ends, taken + most, side="right")))
+        yield block.select(slice(begin, end))
+        begin = end

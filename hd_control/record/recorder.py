@@ -21,10 +21,10 @@ from hd_control._pump import SampleQueues, Writer
 from hd_control.core.errors import BagError
 from hd_control.core.faults import FaultCode
 from hd_control.core.topics import COMMAND, JOINT_STATE_TYPE, SENSORS, topic_info
-from hd_control.record.accounting import head_kind
+from hd_control.record.accounting import head_kind, header_of
 from hd_control.record.bag_folder import space_left, write_error
-from hd_control.record.block import RECORD_CAP
 from hd_control.record.cdr import Buffer
+from hd_control.record.mcap_write import LONGEST_RECORD
 from hd_control.record.writer import BagWriter
 
 # ---- Forces the disk beside the loop: fsync can take seconds on a slow disk, the loop must not wait for it ----
@@ -94,7 +94,7 @@ class Recorder:
     _writer: Writer | None = None
 
     def __post_init__(self) -> None:
-        self.queues = SampleQueues(self.total_depth, self.total_bytes, RECORD_CAP)
+        self.queues = SampleQueues(self.total_depth, self.total_bytes, LONGEST_RECORD)
 
     def add_topic(self, topic: str, type_name: str = "", definition: str = "", period_ns: int | None = None) -> None:
         """Announces a topic; those of the schema need no type. Raises BagError for an unknown one."""
@@ -117,10 +117,11 @@ class Recorder:
     def offer(self, topic: str, log_time_ns: int, payload: Buffer, number: int | None = None) -> None:
         """Takes one sample of an announced topic; drops the oldest sensor sample when there is no room.
 
-        `number` is the how-manieth message of its publisher it is, if the middleware says so. It is known then whether
-        a missing tick was lost on the way or never published; a publisher is known by its run id.
+        `number` is the how-manieth message of its publisher it is, for messages that begin with the run id of their
+        publisher. It is known then whether a missing tick was lost on the way or never published.
         """
-        self.queues.offer(self._by_any_name[topic], log_time_ns, payload, number)
+        publisher = b"" if number is None else header_of(JOINT_STATE_TYPE, payload)[1]
+        self.queues.offer(self._by_any_name[topic], log_time_ns, payload, number, publisher)
 
     def write_beside(self) -> None:
         """From now on what is queued is written by a thread of its own, every 10 ms, until `close`."""

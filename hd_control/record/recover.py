@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from hd_control.core.topics import topic_info
 from hd_control.record import bag_folder
 from hd_control.record.bag_folder import whole_bag, write_error
 from hd_control.record.block import Block
-from hd_control.record.mcap_write import MESSAGE, McapFile, block_records
+from hd_control.record.mcap_write import McapFile, block_records, parts
 from hd_control.record.reader import BagReader, Source
 from hd_control.record.schema import message_definition, type_hash
 from hd_control.record.writer import ACCOUNTING, CHUNK_BYTES, RECOVERY
@@ -92,7 +92,7 @@ class _Copy:
 
     def add(self, topic: str, block: Block) -> None:
         """Messages of one topic, in chunks of bounded size."""
-        for part in _parts(block):
+        for part in parts(block, CHUNK_BYTES):
             data, places = block_records(part, self.numbers[topic])
             self.digests[topic].update(data)
             self.file.add_chunk(self.numbers[topic], data, part.log_time_ns, places)
@@ -188,7 +188,7 @@ def _compare(place: Path, copy: _Copy, target: Path, known: Collection[str]) -> 
         for source in bag.sources:
             for block in source.blocks(list(source.topics)):
                 for number in np.unique(block.channel).tolist():
-                    for part in _parts(block.select(block.channel == number)):
+                    for part in parts(block.select(block.channel == number), CHUNK_BYTES):
                         found[source.topics[number]].update(block_records(part, number)[0])
         new = [problem for problem in bag.damage if problem.loses_data and problem.text not in known]
         same = {t: d.hexdigest() for t, d in found.items()} == {t: d.hexdigest() for t, d in copy.digests.items()}
@@ -202,14 +202,3 @@ def _definition(type_name: str) -> bytes:
         return message_definition(type_name).encode("utf-8")
     except BagError:  # a foreign type without definition: copied as it is, without one
         return b""
-
-
-def _parts(block: Block) -> Iterator[Block]:
-    """Runs of messages whose records have about `CHUNK_BYTES`, at least one each."""
-    ends = np.cumsum(block.length + MESSAGE.size)
-    begin, count = 0, len(ends)
-    while begin < count:
-        taken = int(ends[begin - 1]) if begin else 0
-        end = max(begin + 1, int(np.searchsorted(ends, taken + CHUNK_BYTES, side="right")))
-        yield block.select(slice(begin, end))
-        begin = end

@@ -26,9 +26,8 @@ from hd_control.core.topics import topic_info
 from hd_control.record import bag_folder
 from hd_control.record.accounting import TopicAccount, header_of
 from hd_control.record.bag_folder import attachment_bytes, make_folder, provenance, write_error
-from hd_control.record.block import RECORD_CAP
 from hd_control.record.cdr import Buffer, FixedCodec
-from hd_control.record.mcap_write import MESSAGE, Channel, McapFile, message_record, message_records
+from hd_control.record.mcap_write import LONGEST_RECORD, MESSAGE, Channel, McapFile, message_record, message_records
 from hd_control.record.schema import message_definition, type_hash
 
 FLUSH_NS = 20_000_000
@@ -113,7 +112,7 @@ class BagWriter:
         channel = self._channel(topic)
         if not 0 <= log_time_ns < 1 << 63:
             raise BagError(f"{topic}: log time {log_time_ns} ns is outside [0, 2^63)")
-        if len(payload) + MESSAGE.size > RECORD_CAP:
+        if len(payload) + MESSAGE.size > LONGEST_RECORD:
             raise BagError(f"{topic}: a message of {len(payload)} bytes is longer than any reader takes; split it")
         stamp, frame_id = header_of(channel.type_name, payload)
         channel.account.see(stamp, frame_id)
@@ -169,6 +168,8 @@ class BagWriter:
         """Carries a file inside the recording: parameters, URDF, model."""
         payload = data.encode("utf-8") if isinstance(data, str) else data
         self._check_open()
+        if len(payload) > LONGEST_RECORD:
+            raise BagError(f"{name}: {len(payload)} bytes are more than any reader takes; attach a smaller file")
         self._file.add_attachment(name, media_type, payload, 0)
         self.flush()
 

@@ -196,7 +196,7 @@ class RunPlan:
         if self.lockstep and self.bag is not None:
             values["publisher_depth"] = 2 * RECORDER_LAG
         if executable == "recorder_node" and self.bag is not None:
-            values["bag"] = str(self.bag)
+            values |= {"bag": str(self.bag), "reliable": self.lockstep}
         values |= own | dict(self.parameters.get(executable, {}))
         return NodeProcess(executable, node, self.namespace, values, self.params_files.get(executable, ()))
 
@@ -291,11 +291,10 @@ class Session:
     def _placement(self, process: NodeProcess) -> dict[str, str]:
         """Which core and priority a process gets beyond the session's own environment.
 
-        The recorder never runs at real-time priority: it must not delay the chain. With two cores the chain is laid
-        out so that two of its four hops do not wake the other core, which can cost more than the work of a node.
-        `HD_AFFINITY` of the user goes before.
+        With two cores the chain is laid out so that two of its four hops do not wake the other core, which can cost
+        more than the work of a node. `HD_AFFINITY` of the user goes before.
         """
-        found = {"HD_REAL_TIME": "off"} if process.executable == "recorder_node" else {}
+        found = {}
         core = CORE_OF_TWO.get(process.executable)
         if os.cpu_count() == 2 and core and not self.plan.lockstep and "HD_AFFINITY" not in os.environ:
             found["HD_AFFINITY"] = core

@@ -13,9 +13,11 @@ import pytest
 from small_bags import T0, TICK, file_of, payload_of
 
 from hd_control.core.errors import BagError
+from hd_control.record import recorder as recorder_module
 from hd_control.record.cdr import encode_text
+from hd_control.record.mcap_write import LONGEST_RECORD, MESSAGE
 from hd_control.record.reader import BagReader
-from hd_control.record.recorder import Recorder
+from hd_control.record.recorder import AWAITED, Recorder
 from hd_control.record.writer import BagWriter
 
 SENSORS = ("/encoder", "/resolver", "/joint_states")
@@ -85,6 +87,87 @@ def test_events_outlive_sensor_samples(tmp_path):
     table = recorder.statistics()
     assert table["/robot_description"]["written"] == 12 and table["/robot_description"]["drops"]["queue"] == 0
     assert table["/encoder"]["drops"]["queue"] == 50
+
+
+def test_a_record_that_no_reader_would_take_is_refused_and_counted(tmp_path, monkeypatch):
+    """A goal of a million points: written, the whole bag behind it would be unreadable."""
+    monkeypatch.setattr(recorder_module, "LONGEST_RECORD", 10_000)
+    recorder = recorder_of(tmp_path / "bag")
+    fits = 10_000 - MESSAGE.size - len(encode_text(""))
+    for number, length in enumerate((10, fits + 1, fits, 50_000)):
+        recorder.offer("/robot_description", T0 + number, encode_text("x" * length))
+    recorder.offer("/encoder", T0, payload_of("encoder", 0))
+    assert "2 samples lost on /robot_description" in recorder.losses()
+    assert recorder.close() == ""
+    row = recorder.statistics()["/robot_description"]
+    assert balance(recorder.statistics()) and row["drops"] == {"transport": 0, "queue": 0, "disk": 0, "size": 2}
+    reader = BagReader(tmp_path / "bag")
+    assert reader.complete and reader.counts["/robot_description"] == 2 and reader.counts["/encoder"] == 1
+    assert reader.accounting["/robot_description"]["drops"]["size"] == 2
+
+
+def test_the_longest_record_is_one_that_the_reader_takes(tmp_path):
+    """Also behind others and in the compact form, where bytes that zstd cannot shorten make a chunk of their own."""
+    recorder = recorder_of(tmp_path / "bag")
+    longest = LONGEST_RECORD - MESSAGE.size
+    noise = random.Random(1).randbytes(longest + 1)
+    recorder.offer("/robot_description", T0, noise[:1000])
+    for number, length in enumerate((longest + 1, longest), 1):
+        recorder.offer("/robot_description", T0 + number, noise[:length])
+    for number in range(60):
+        recorder.offer("/robot_description", T0 + 10 + number, noise[: 50_000 + number])
+    assert recorder.close(compact=True) == ""
+    reader = BagReader(tmp_path / "bag")
+    assert recorder.statistics()["/robot_description"]["drops"]["size"] == 1
+    assert [len(data) for _, data in reader.raw("robot_description")] == [
+        *(1000, longest),
+        *range(50_000, 50_060),
+    ]
+    assert reader.complete and "not protected" not in str(reader.problems)
+
+
+def test_what_no_reader_would_take_is_not_written_either(tmp_path):
+    too_long = bytes(LONGEST_RECORD + 1)
+    with BagWriter(tmp_path / "bag") as bag:
+        with pytest.raises(BagError, match="attach a smaller file"):
+            bag.attach("model.urdf", too_long)
+        with pytest.raises(BagError, match="split it"):
+            bag.write("/robot_description", None, T0, too_long)
+    assert BagReader(tmp_path / "bag").complete
+
+
+def test_memory_of_the_queues_is_bounded(tmp_path):
+    """Large events push out the oldest sensor samples first, then each other."""
+    recorder = recorder_of(tmp_path / "bag", total_bytes=100_000)
+    for k in range(20):
+        recorder.offer("/encoder", T0 + k * TICK, payload_of("encoder", k))
+    for k in range(6):
+        recorder.offer("/robot_description", T0 + 20 * TICK + k, encode_text(f"{k}" * 30_000))
+    recorder.close()
+    table = recorder.statistics()
+    assert balance(table) and table["/encoder"]["drops"]["queue"] == 20
+    assert table["/robot_description"]["written"] == 3 and table["/robot_description"]["drops"]["queue"] == 3
+    kept = [data for _, data in BagReader(tmp_path / "bag").raw("robot_description")]
+    assert kept == [encode_text(f"{k}" * 30_000) for k in (3, 4, 5)]
+
+
+def test_progress_is_that_of_the_slowest_topic(tmp_path):
+    """A lock-step plant runs at most the recorder's lag ahead of it: a topic that is late must hold it back, or its
+    publisher overwrites what was not delivered yet. A topic that never came is not waited for, unless it must come."""
+    recorder = Recorder(BagWriter(tmp_path / "bag"))
+    for topic in (*AWAITED, "joint_states", "robot_description"):
+        recorder.add_topic(topic)
+    for topic in AWAITED[:-1]:
+        recorder.offer(topic, T0, payload_of(topic, 300))
+    assert recorder.newest_ns == -1
+    recorder.offer(AWAITED[-1], T0, payload_of(AWAITED[-1], 120))
+    assert recorder.newest_ns == T0 + 120 * TICK
+    recorder.offer(AWAITED[-1], T0, payload_of(AWAITED[-1], 310))
+    recorder.offer(AWAITED[-1], T0, payload_of(AWAITED[-1], 50))
+    assert recorder.newest_ns == T0 + 300 * TICK
+    recorder.offer("joint_states", T0, payload_of("joint_states", 200))
+    assert recorder.newest_ns == T0 + 200 * TICK
+    recorder.close()
 
 
 def test_two_publishers_one_after_the_other_are_not_a_gap(tmp_path):
