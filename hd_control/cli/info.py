@@ -76,7 +76,8 @@ def _topic_lines(topics: dict[str, Any]) -> Iterator[str]:
         if row["rate"]:
             parts.append(f"{row['rate']:7.1f} Hz")
         if row["missing"]:
-            parts.append(f"{row['missing']} missing in {row['gaps']} gaps")
+            never = f", {row['never_published']} never published" if row["never_published"] else ""
+            parts.append(f"{row['missing']} missing in {row['gaps']} gaps{never}")
         drops = {where: count for where, count in (row["drops"] or {}).items() if count}
         if drops:
             parts.append("dropped " + ", ".join(f"{count} by {where}" for where, count in drops.items()))

@@ -261,6 +261,7 @@ def _topic(bag: BagReader, name: str, kept: dict[str, TopicScan]) -> dict[str, A
         "gaps": None,
         "missing": None,
         "drops": bag.accounting.get(name, {}).get("drops"),
+        "never_published": bag.accounting.get(name, {}).get("never_published"),
     }
     if not bag.counts[name] or not has_fixed_layout(bag.topics[name]):
         return row
