@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from mcap.reader import NonSeekingReader
 from small_bags import T0, TICK, file_of, payload_of
 
 from hd_control.core.errors import BagError
@@ -73,6 +74,30 @@ def test_f31_overload_drops_the_oldest(tmp_path):
     recorder.close()
     stamps = BagReader(tmp_path / "bag").columns("encoder").stamps_ns
     assert ((stamps - T0) // TICK).tolist() == [7, 8, 9]
+
+
+def test_samples_are_written_in_order_of_log_time_over_all_topics(tmp_path):
+    """Topics are emptied one after the other; in the file their samples stand as they came, equal times by topic."""
+    recorder = recorder_of(tmp_path / "bag")
+    for topic, times in (("/encoder", (1, 5, 7)), ("/resolver", (2, 5, 6)), ("/joint_states", (0, 9))):
+        for time in times:
+            recorder.offer(topic, T0 + time, payload_of(topic.strip("/"), time))
+    assert recorder.close(compact=False) == ""
+    with file_of(tmp_path / "bag").open("rb") as stream:
+        read = [
+            (c.topic, m.log_time - T0, m.sequence)
+            for _, c, m in NonSeekingReader(stream).iter_messages(log_time_order=False)
+        ]
+    assert read == [
+        ("/joint_states", 0, 0),
+        ("/encoder", 1, 0),
+        ("/resolver", 2, 0),
+        ("/encoder", 5, 1),
+        ("/resolver", 5, 1),
+        ("/resolver", 6, 2),
+        ("/encoder", 7, 2),
+        ("/joint_states", 9, 1),
+    ]
 
 
 def test_events_outlive_sensor_samples(tmp_path):

@@ -246,6 +246,8 @@ def test_a_disk_that_refuses_the_writing_thread_ends_the_recording(tmp_path, err
     assert until(lambda: recorder.statistics()["/encoder"]["drops"]["disk"] > 0)
     for k in range(100, 200):
         offer(recorder, k)
+    row = recorder.statistics()["/encoder"]
+    assert row["published"] == 200 == row["written"] + row["drops"]["disk"] and row["queued"] == 0, "before it is known"
     recorder.tend(0)
     assert "bag_0.mcap" in recorder.failure and recorder.close() == recorder.failure
     row = recorder.statistics()["/encoder"]
