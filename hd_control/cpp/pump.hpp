@@ -32,7 +32,7 @@
 
 namespace hd {
 
-// Calls `work` again and again, `pause` after it has returned, until the end. Starting and ending belong to one owner.
+// Calls `work` again and again, `pause` after it has returned, until the end. Any thread may start and end it.
 class Repeated {
   public:
     Repeated(const char* name, std::function<void()> work, std::chrono::milliseconds pause)
@@ -42,11 +42,13 @@ class Repeated {
     ~Repeated() { end(); }
 
     void start() {
+        const std::lock_guard<std::mutex> owned(owner_);
         if (thread_.joinable()) return;
         ended_ = false;
         thread_ = std::thread([this] { run(); });
     }
     void end() {
+        const std::lock_guard<std::mutex> owned(owner_);
         {
             const std::lock_guard<std::mutex> lock(mutex_);
             ended_ = true;
@@ -71,13 +73,14 @@ class Repeated {
     const char* const name_;  // at most 15 characters
     const std::function<void()> work_;
     const std::chrono::milliseconds pause_;
+    std::mutex owner_;  // held while the thread is made or waited for
     std::mutex mutex_;
     std::condition_variable wake_;
     bool ended_ = false;
     std::thread thread_;
 };
 
-// Writes what is queued every 10 ms. A failure ends the writing and stays to be read.
+// Writes what is queued every 10 ms, and at its end. A failure ends the writing and stays to be read.
 class Writer {
   public:
     Writer(std::shared_ptr<SampleQueues> queues, std::shared_ptr<RecordFile> file)
@@ -86,7 +89,10 @@ class Writer {
           thread_("hd.write", [this] { write(); }, std::chrono::milliseconds(10)) {}
 
     void start() { thread_.start(); }
-    void end() { thread_.end(); }
+    void end() {
+        thread_.end();
+        write();
+    }
     std::optional<WriteFailure> failure() const {
         const std::lock_guard<std::mutex> lock(mutex_);
         return failure_;
@@ -138,7 +144,7 @@ class Rests {
 };
 
 // Takes recorded topics from the middleware. While no recording is on, what comes is thrown away, so that nothing old
-// is in the next one.
+// is in the next one. Any thread may call any method. A pump that has ended stays ended.
 class Pump {
   public:
     // Throws std::runtime_error where the loaded ROS 2 cannot be used like this.
@@ -147,11 +153,16 @@ class Pump {
           dt_ns_(dt_ns),
           rests_(dt_ns),
           thread_("hd.take", [this] { round(); }, std::chrono::milliseconds(4)) {}
+    Pump(const Pump&) = delete;
+    Pump& operator=(const Pump&) = delete;
     ~Pump() { end(); }
 
-    // A subscription, by its address; it must outlive `end`. `paced`: its messages count in `taken`, and come often
-    // enough for rests behind them.
-    void add(const void* subscription, bool paced) { sources_.push_back({subscription, paced}); }
+    // A subscription, by its address; it must live until `end` has returned. `paced`: its messages count in `taken`,
+    // and come often enough for rests behind them.
+    void add(const void* subscription, bool paced) {
+        const std::lock_guard<std::mutex> lock(mutex_);
+        sources_.push_back({subscription, paced});
+    }
 
     // Progress is published from now on: a std_msgs/UInt64 with the newest tick that is here of every topic.
     void report_to(const void* publisher) {
@@ -161,14 +172,21 @@ class Pump {
     // `rest`: the receiving thread rests within each tick. Not for lock-step, where ticks follow each other at once,
     // nor for ticks that are shorter than the bunch of their messages takes.
     void start(bool rest) {
-        resting_ = rest && dt_ns_ >= kShortestTick && dt_ns_ <= kLongestTick && rcl::callbacks_are_safe(calls_);
-        if (resting_) listen(&arrived);
+        const std::lock_guard<std::mutex> owned(owner_);
+        if (ended_) return;
+        if (rest && dt_ns_ >= kShortestTick && dt_ns_ <= kLongestTick && rcl::callbacks_are_safe(calls_)) listen();
         thread_.start();
     }
+    // First no callback comes any more, then the thread ends, so that afterwards nothing of rcl is touched.
     void end() {
-        if (resting_) listen(nullptr);
-        resting_ = false;
+        const std::lock_guard<std::mutex> owned(owner_);
+        ended_ = true;
+        for (const void* subscription : heard_) calls_.on_new_message(subscription, nullptr, nullptr);
+        heard_.clear();
         thread_.end();
+        const std::lock_guard<std::mutex> lock(mutex_);
+        sources_.clear();
+        publisher_ = nullptr;
     }
 
     // A recording begins: source i goes to topic i of the queues. None: the recording is over; when this returns
@@ -193,10 +211,15 @@ class Pump {
     static void arrived(const void* owner, std::size_t) {
         const_cast<Pump*>(static_cast<const Pump*>(owner))->rests_.message();
     }
-    void listen(rcl::Arrived callback) {
+    void listen() {
+        const std::lock_guard<std::mutex> lock(mutex_);
         for (const Source& source : sources_) {
-            if (source.paced)
-                calls_.on_new_message(source.subscription, callback, callback == nullptr ? nullptr : this);
+            if (!source.paced) continue;
+            if (calls_.on_new_message(source.subscription, &arrived, this) == rcl::kOk) {
+                heard_.push_back(source.subscription);
+            } else {
+                calls_.reset_error();
+            }
         }
     }
 
@@ -238,8 +261,10 @@ class Pump {
     const rcl::Calls& calls_;
     const std::int64_t dt_ns_;
     Rests rests_;
-    bool resting_ = false;
-    std::mutex mutex_;  // held during a round
+    std::mutex owner_;  // held while the pump is started or ended
+    bool ended_ = false;
+    std::vector<const void*> heard_;  // subscriptions that have our callback
+    std::mutex mutex_;                // held during a round
     std::vector<Source> sources_;
     std::optional<rcl::Buffer> buffer_{std::in_place, kFirst};
     std::shared_ptr<SampleQueues> queues_;

@@ -16,6 +16,18 @@ namespace py = pybind11;
 namespace {
 
 using Free = py::gil_scoped_release;
+
+// Held by Python, destroyed without the interpreter: a thread that is waited for may need it for its last word.
+template <class Value>
+struct DestroyedFree {
+    void operator()(Value* value) const {
+        const Free free;
+        delete value;
+    }
+};
+template <class Value>
+using Unheld = std::unique_ptr<Value, DestroyedFree<Value>>;
+
 using Stamps = py::array_t<std::int64_t, py::array::c_style | py::array::forcecast>;
 
 // Contiguous bytes of any object, for as long as this lives.
@@ -199,7 +211,73 @@ py::object failure(const hd::Writer& writer) {
     return found ? py::object(py::make_tuple(found->code, found->what())) : py::object(py::none());
 }
 
-const void* address(std::uintptr_t pointer) { return reinterpret_cast<const void*>(pointer); }
+// ---------------------------------------------------------------------------------------------------------------------
+
+// A pump that keeps what it uses. rclpy frees the entity behind a handle with the last reference, or with `destroy`
+// once nobody is inside it; this holds both until the taking thread has ended. So the entities outlive the thread in
+// whatever order a node, its context and its subscriptions end, also where the garbage collector takes all of them at
+// once.
+class KeptPump {
+  public:
+    explicit KeptPump(std::int64_t dt_ns) : pump_(dt_ns) {}
+    KeptPump(const KeptPump&) = delete;
+    KeptPump& operator=(const KeptPump&) = delete;
+    ~KeptPump() { end(); }
+
+    void add(const py::object& handle, bool paced) {
+        const void* subscription = entity(handle);
+        const Free free;
+        pump_.add(subscription, paced);
+    }
+    void report_to(const py::object& handle) {
+        const void* publisher = entity(handle);
+        const Free free;
+        pump_.report_to(publisher);
+    }
+    void start(bool rest) {
+        const Free free;
+        pump_.start(rest);
+    }
+    void record(std::shared_ptr<hd::SampleQueues> queues) {
+        const Free free;
+        pump_.record(std::move(queues));
+    }
+    std::int64_t taken() const { return pump_.taken(); }
+
+    // From any thread, as often as one likes; when it returns the thread has ended.
+    void end() {
+        {
+            const Free free;
+            pump_.end();
+        }
+        std::vector<py::object> used;
+        used.swap(used_);
+        for (const py::object& handle : used) leave(handle);
+    }
+
+  private:
+    const void* entity(const py::object& handle) {
+        handle.attr("__enter__")();
+        used_.push_back(handle);
+        return reinterpret_cast<const void*>(handle.attr("pointer").cast<std::uintptr_t>());
+    }
+    static void leave(const py::object& handle) {
+        try {
+            handle.attr("__exit__")(py::none(), py::none(), py::none());
+        } catch (py::error_already_set& error) {
+            error.discard_as_unraisable("hd_control._pump");
+        }
+    }
+    hd::Pump pump_;
+    std::vector<py::object> used_;
+};
+
+// Threads of this module that run. At the end of the interpreter, while everything is still there, they are ended.
+void add_running(const py::object& self) { py::module_::import("hd_control._pump").attr("_running").attr("add")(self); }
+
+void end_running(const py::object& running) {
+    for (const py::handle each : py::list(running)) each.attr("end")();
+}
 
 void bind_counts(py::module_& module) {
     py::enum_<hd::Head>(module, "Head")
@@ -253,22 +331,32 @@ void bind_queues(py::module_& module) {
 }
 
 void bind_threads(py::module_& module) {
-    py::class_<hd::Writer>(module, "Writer")
+    py::class_<hd::Writer, Unheld<hd::Writer>>(module, "Writer")
         .def(py::init<std::shared_ptr<hd::SampleQueues>, std::shared_ptr<hd::RecordFile>>())
-        .def("start", &hd::Writer::start)
+        .def("start",
+             [](const py::object& self) {
+                 self.cast<hd::Writer&>().start();
+                 add_running(self);
+             })
         .def("end", &hd::Writer::end, py::call_guard<Free>())
         .def_property_readonly("failure", &failure);
-    py::class_<hd::Pump>(module, "Pump")
+    py::class_<KeptPump>(module, "Pump")
         .def(py::init<std::int64_t>(), py::arg("dt_ns"))
-        .def("add",
-             [](hd::Pump& pump, std::uintptr_t subscription, bool paced) { pump.add(address(subscription), paced); })
+        .def("add", &KeptPump::add, py::arg("subscription"), py::arg("paced"))
+        .def("report_to", &KeptPump::report_to, py::arg("publisher"))
         .def(
-            "report_to", [](hd::Pump& pump, std::uintptr_t publisher) { pump.report_to(address(publisher)); },
-            py::call_guard<Free>())
-        .def("start", &hd::Pump::start, py::arg("rest"), py::call_guard<Free>())
-        .def("end", &hd::Pump::end, py::call_guard<Free>())
-        .def("record", &hd::Pump::record, py::arg("queues").none(true), py::call_guard<Free>())
-        .def_property_readonly("taken", &hd::Pump::taken);
+            "start",
+            [](const py::object& self, bool rest) {
+                self.cast<KeptPump&>().start(rest);
+                add_running(self);
+            },
+            py::arg("rest"))
+        .def("end", &KeptPump::end)
+        .def("record", &KeptPump::record, py::arg("queues").none(true))
+        .def_property_readonly("taken", &KeptPump::taken);
+    const py::object running = py::module_::import("weakref").attr("WeakSet")();
+    module.attr("_running") = running;
+    py::module_::import("atexit").attr("register")(py::cpp_function(&end_running), running);
 }
 
 }  // namespace

@@ -10,7 +10,6 @@ from __future__ import annotations
 import importlib
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -97,12 +96,9 @@ class PumpTaking:
     look_ns, how = 50_000_000, "compiled"
 
     def __init__(self, topics: Sequence[RecordedTopic], dt_ns: int, progress: Any, paced: bool) -> None:
-        self._pump, self._progress, self._seen = Pump(dt_ns), progress, 0
-        self._used = ExitStack()  # what rclpy destroys meanwhile it frees when it is not used any more
-        self._used.enter_context(progress.handle)
+        self._pump, self._progress, self._seen, self._reporting = Pump(dt_ns), progress, 0, False
         for topic in topics:
-            self._used.enter_context(topic.subscription.handle)
-            self._pump.add(topic.subscription.handle.pointer, topic.chain)
+            self._pump.add(topic.subscription.handle, topic.chain)
         self._pump.start(rest=paced)
 
     def record(self, recorder: Recorder | None) -> None:
@@ -113,11 +109,12 @@ class PumpTaking:
         return self._seen - before
 
     def report(self, recorder: Recorder) -> None:
-        self._pump.report_to(self._progress.handle.pointer)
+        if not self._reporting:
+            self._pump.report_to(self._progress.handle)
+            self._reporting = True
 
     def end(self) -> None:
         self._pump.end()
-        self._used.close()
 
 
 class LoopTaking:
@@ -267,6 +264,7 @@ class RecorderNode(Shell):
         depth, reliable = self.values["depth"], self.values["reliable"]
         self.topics = [RecordedTopic(self, name, depth, self.group, reliable) for name in names]
         taking = taking_of(self.topics, self.dt_ns, self._progress, not reliable)
+        self.context.on_shutdown(taking.end)
         self.turn = RecorderTurn(self.loop, self.topics, taking, self._progress)
         return self.turn
 
@@ -313,9 +311,9 @@ class RecorderNode(Shell):
         self.turn = None
 
     def destroy_node(self) -> None:
-        """Also of a node that was never deactivated."""
+        """Also of a node that was never deactivated: its bag is closed whole."""
         if self.turn is not None:
-            self.turn.taking.end()
+            self.leave()
         super().destroy_node()
 
     def status(self) -> tuple[bytes, str, dict[str, Any]]:
