@@ -234,9 +234,9 @@ class KeptPump {
         const Free free;
         pump_.report_to(publisher);
     }
-    void start(bool rest) {
+    void start(bool rest, int priority) {
         const Free free;
-        pump_.start(rest);
+        pump_.start(rest, priority);
     }
     void record(std::shared_ptr<hd::SampleQueues> queues) {
         const Free free;
@@ -346,11 +346,11 @@ void bind_threads(py::module_& module) {
         .def("report_to", &KeptPump::report_to, py::arg("publisher"))
         .def(
             "start",
-            [](const py::object& self, bool rest) {
-                self.cast<KeptPump&>().start(rest);
+            [](const py::object& self, bool rest, int priority) {
+                self.cast<KeptPump&>().start(rest, priority);
                 add_running(self);
             },
-            py::arg("rest"))
+            py::arg("rest"), py::arg("priority"))
         .def("end", &KeptPump::end)
         .def("record", &KeptPump::record, py::arg("queues").none(true))
         .def_property_readonly("taken", &KeptPump::taken);

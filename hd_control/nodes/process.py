@@ -71,7 +71,7 @@ def request_real_time(only_receiving: bool = False) -> list[str]:
             done.append(f"cores {cores} refused ({error})")
     if os.environ.get("HD_REAL_TIME", "auto") == "off":
         return [*done, "real time off"]
-    priority = RECEIVING_PRIORITY if only_receiving else PRIORITY
+    priority = receiving_priority() if only_receiving else PRIORITY
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
         done.append(f"SCHED_FIFO {priority}" + (" for receiving" if only_receiving else ""))
@@ -82,6 +82,11 @@ def request_real_time(only_receiving: bool = False) -> list[str]:
     locked = _LIBC.mlockall(_MCL_CURRENT | _MCL_FUTURE) == 0
     done.append("memory locked" if locked else "mlockall not permitted")
     return done
+
+
+def receiving_priority() -> int:
+    """Of SCHED_FIFO, for the threads that receive for a process without control loop; 0 where real time is off."""
+    return 0 if os.environ.get("HD_REAL_TIME", "auto") == "off" else RECEIVING_PRIORITY
 
 
 def leave_real_time(thread: int = 0) -> None:

@@ -24,7 +24,7 @@ from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
 from hd_control.core.resources import config_path
 from hd_control.core.topics import JOINT_STATE_TYPE, TOPICS, topic_info
 from hd_control.nodes.fast_loop import FastLoop, HandsOff, latched_qos
-from hd_control.nodes.process import run_node
+from hd_control.nodes.process import receiving_priority, run_node
 from hd_control.nodes.shell import ERROR, OK, WARN, Shell
 from hd_control.record.recorder import AWAITED, Recorder
 from hd_control.record.writer import BagWriter
@@ -99,7 +99,7 @@ class PumpTaking:
         self._pump, self._progress, self._seen, self._reporting = Pump(dt_ns), progress, 0, False
         for topic in topics:
             self._pump.add(topic.subscription.handle, topic.chain)
-        self._pump.start(rest=paced)
+        self._pump.start(rest=paced, priority=receiving_priority())
 
     def record(self, recorder: Recorder | None) -> None:
         self._pump.record(None if recorder is None else recorder.queues)

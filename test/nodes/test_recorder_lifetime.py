@@ -173,7 +173,7 @@ def test_nothing_is_taken_after_the_end(domain: int, tmp_path: Path) -> None:
         pump = recording.taking._pump
         pump.end()
         taken = pump.taken
-        pump.start(True)
+        pump.start(True, 0)
         time.sleep(0.05)
         assert pump.taken == taken
         recording.node.destroy_node()
