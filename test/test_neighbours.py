@@ -18,7 +18,6 @@ REASONS = {
     "hd_sim.drive_side": "the drives' electronics are a subject of their own: watchdog, guard, brake",
     "hd_control.bench.peers": "the only file that may import MuJoCo, which is an extra",
     "hd_control.lab.diagnosis.claims": "what may be said of a selection, apart from the order in which it is found",
-    "hd_control.lab.signals.delays": "the search for a shift in time, apart from the sentences of the checks",
     "hd_control.pages.fault_page": "one long page of its own; pages lists all",
     "hd_control.pages.node_facts": "asks nodes, so it may import rclpy; the pages may not",
     "hd_control.pages.pages": "makes the pages; `__main__` only writes them",

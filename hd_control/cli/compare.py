@@ -29,6 +29,8 @@ NAME = "compare"
 HELP = "how well a model explains a recording, per joint, channel and operating condition"
 EXAMPLE = "hd compare bags/run1 --model arm_a.yaml --model better.yaml --json compare.json"
 SCHEMA = "hd.compare/1"
+SECTIONS = "sections"
+"""Sentences on sensors, delays, friction and spectra; for people, not in the JSON."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,9 +54,9 @@ def run(arguments: argparse.Namespace) -> int:
     work = partial(_compare, recording, models, not arguments.no_free_run)
     answers: dict[str, dict[str, Any]] = {}
     for joint, found in by_joint(arguments, joints, work, "comparing"):
-        answers[joint] = found
         for line in lines(joint, found):
             say(arguments, line)
+        answers[joint] = {path: without(entry, SECTIONS) for path, entry in found.items()}
     documents = [
         {
             "schema": SCHEMA,
@@ -71,6 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _compare(recording: Recording, models: dict[str, Model], free_run: bool, joint: str) -> dict[str, Any]:
     """Model path -> its JSON form; all models are judged by the noise that the first one's channels have."""
     from hd_control.lab.models.answers import compare_joint
+    from hd_control.lab.models.observations import sections
 
     found: dict[str, Any] = {}
     noises = None
@@ -79,7 +82,7 @@ def _compare(recording: Recording, models: dict[str, Model], free_run: bool, joi
             continue
         report = compare_joint(recording, model, joint, None, noises, free_run)
         noises = noises or report.comparison.noises
-        found[path] = report.json()
+        found[path] = report.json() | {SECTIONS: sections(report.observations)}
     return found
 
 
@@ -89,6 +92,9 @@ def lines(joint: str, found: dict[str, Any]) -> Iterator[str]:
     yield f"{joint}: {', '.join(first['signals'])}"
     for text in first["notes"]:
         yield f"  ! {text}"
+    for head, texts in first[SECTIONS]:
+        for i, text in enumerate(texts):
+            yield f"  {'' if i else head:<13} {text}"
     if not first["channels"]:
         yield "  no channel: these signals and this motion allow no balance"
     for path, entry in found.items():
@@ -97,6 +103,11 @@ def lines(joint: str, found: dict[str, Any]) -> Iterator[str]:
         for name, channel in entry["channels"].items():
             yield from _channel_lines(name, channel)
         yield from _free_run_lines(entry["free_run"])
+
+
+def without(entry: dict[str, Any], key: str) -> dict[str, Any]:
+    """The entry without one of its keys."""
+    return {name: value for name, value in entry.items() if name != key}
 
 
 def _channel_lines(name: str, channel: dict[str, Any]) -> Iterator[str]:

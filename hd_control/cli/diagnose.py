@@ -32,6 +32,8 @@ NAME = "diagnose"
 HELP = "which physical effect is missing in a model, with evidence; or none; or that the data cannot tell"
 EXAMPLE = "hd diagnose bags/run1 --model arm_a.yaml --json diagnosis.json"
 SCHEMA = "hd.diagnosis/1"
+CONTRADICTED = 2
+"""Exit code if the signals of a joint contradict the model: sign, gear ratio, unit or gravity."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Prints the diagnosis; 0 for every verdict, 3 if the bag could be read in part only."""
+    """Prints the diagnosis; 0 for every verdict, 2 if signals contradict the model, 3 if the bag was read in part."""
     one_thread()
     from hd_control.cli.options import say, write_json
     from hd_control.lab.diagnosis.verdict import ADEQUATE
@@ -57,13 +59,16 @@ def run(arguments: argparse.Namespace) -> int:
         "model": model_entry(arguments.model, model),
         "joints": {},
     }
-    verdicts = set()
+    verdicts, contradicted = set(), False
     for joint, found in by_joint(arguments, joints, partial(_diagnose, recording, model), "diagnosing"):
         document["joints"][joint] = found.json()
         verdicts.add(found.verdict)
+        contradicted |= bool(found.contradictions)
         for line in lines(joint, found):
             say(arguments, line)
     write_json(arguments, document)
+    if contradicted:
+        return CONTRADICTED
     if arguments.exit_code and verdicts != {ADEQUATE}:
         return 1
     return exit_code(recording)

@@ -46,7 +46,12 @@ def test_compare_prints_error_refit_noise_and_where(folder: Path, tmp_path: Path
     assert channels["transmission"]["rms_error_refitted"] > 3.0 * channels["transmission"]["noise_floor"]
     assert any("per wave-generator turn" in text for text in channels["transmission"]["order_lines"])
     assert set(found["joints"]["joint_1"]["free_run"]) == {"0.5", "5"}
-    assert "hd add --refit" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert "hd add --refit" in text
+    for head, key in (("sensors", "sensors"), ("delays", "delays"), ("friction", "friction")):
+        assert head in text and found["joints"]["joint_1"][key], "what people look for first"
+    assert set(found["joints"]["joint_1"]["spectra"]) == {"motor_torque", "gauge_torque", "torsion"}
+    assert "sections" not in found["joints"]["joint_1"]
 
 
 def test_diagnose_add_and_ladder_end_at_the_noise(folder: Path, tmp_path: Path) -> None:
@@ -64,6 +69,20 @@ def test_diagnose_add_and_ladder_end_at_the_noise(folder: Path, tmp_path: Path) 
     again = tmp_path / "again.yaml"
     assert main(["add", "kinematic_error", "--model", nominal, "--bag", bag, "-o", str(again), "--quiet"]) == 0
     assert again.read_bytes() == better.read_bytes(), "a model is reproducible from bag and command"
+
+
+def test_signals_that_contradict_the_model_end_with_2_and_no_name(folder: Path, tmp_path: Path, capsys: Any) -> None:
+    """A model with another gear ratio: nothing is named, the reason stands in text and JSON."""
+    text = (folder / "model.yaml").read_text()
+    ratio = load_model(folder / "model.yaml").joint("joint_1").gear_ratio
+    wrong = folder / "wrong.yaml"
+    wrong.write_text(text.replace(f"gear_ratio: {ratio}", f"gear_ratio: {ratio + 1.0}"))
+    out = tmp_path / "d.json"
+    assert main(["diagnose", str(folder / "fit"), "--model", str(wrong), "--json", str(out)]) == 2
+    found = document(out)["joints"]["joint_1"]
+    assert found["verdict"] == "cannot_tell" and found["effects"] == [] and found["unknown"] is None
+    assert "gear ratio" in found["contradictions"][0]
+    assert "contradict each other" in capsys.readouterr().out
 
 
 def test_ladder_writes_rungs_and_the_last_model(folder: Path, tmp_path: Path) -> None:
@@ -165,7 +184,8 @@ def test_recordings_that_cannot_decide_are_refused(
         tmp_path / "bag", ["joint_1"], {n: v for n, v in changed.items() if n not in names}, robot, 1e-3, {}
     )
     out = tmp_path / "d.json"
-    assert main(["diagnose", str(bag), "--model", str(model), "--json", str(out)]) in (0, 3)
+    ends = (2,) if what == "ratio" else (0, 3)
+    assert main(["diagnose", str(bag), "--model", str(model), "--json", str(out)]) in ends
     found = document(out)["joints"]["joint_1"]
     said = capsys.readouterr().out
     if what in ("three seconds", "constant"):
@@ -173,7 +193,7 @@ def test_recordings_that_cannot_decide_are_refused(
     elif what == "nan":
         assert "motor_torque" not in found["channels"]
     else:
-        assert "gear ratio" in said
+        assert "gear ratio" in said and found["verdict"] == "cannot_tell"
 
 
 def test_a_seal_beside_the_bag_is_never_opened(folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -20,7 +20,9 @@ from hd_control.lab.models.answers import (
     WORST,
     JointReport,
     channel_rows,
+    checks_of,
     compare_joint,
+    contradicted,
     diagnose_joint,
     joint_task,
     notes_of,
@@ -58,7 +60,8 @@ def test_the_json_of_a_report_is_its_numbers() -> None:
     link = document["channels"][LINK]
     assert link["rms_error"] == report().comparison.channels[LINK].rms_error
     assert link["sentence"] == report().sentences[LINK] and link["order_lines"] == list(report().order_lines[LINK])
-    assert set(document) == {"signals", "channels", "free_run", "notes"} and document["free_run"]
+    more = {"sensors", "delays", "friction", "spectra", "contradictions"}
+    assert set(document) == {"signals", "channels", "free_run", "notes", *more} and document["free_run"]
 
 
 def test_without_a_free_run_none_is_made_and_given_noises_are_used() -> None:
@@ -80,7 +83,10 @@ def test_notes_are_those_of_the_reader_the_checks_and_the_link() -> None:
     """A gauge the wrong way round, a gap that was bridged, and a model without a link."""
     bare = Model(None, {NAME: replace(model().joint(NAME), effects={})})
     spoiled = replace(signals(), gauge_torque=-signals().gauge_torque, notes=("1 gap",))
-    found = notes_of(recording(spoiled), bare, NAME, LinkSide(bare, {NAME: spoiled}))
+    there, side = recording(spoiled), LinkSide(bare, {NAME: spoiled})
+    checks = checks_of(there, bare, NAME, joint_task(there, bare, NAME, side).equations)
+    found = notes_of(there, NAME, side, checks)
+    assert checks.contradictions == checks.sentences
     assert found[0] == "1 gap" and "sign of gauge_torque looks flipped" in found[1]
     assert found[-1] == "joint_1: the model knows neither robot description nor link inertia"
 
@@ -96,6 +102,27 @@ def test_a_diagnosis_carries_the_notes_of_the_signals_first() -> None:
     )  # fmt: skip
     found = diagnose_joint(recording(short), model(), NAME)
     assert found.verdict == CANNOT_TELL and found.notes[0] == "1 gap" and "usable recording" in found.notes[1]
+
+
+def test_nothing_is_named_from_signals_that_contradict_the_model() -> None:
+    """A gauge the wrong way round on a joint with a payload that would be named."""
+    whole = signals(Changes(link=_load))
+    assert diagnose_joint(recording(whole), model(), NAME).effects
+    found = diagnose_joint(recording(replace(whole, gauge_torque=-whole.gauge_torque)), model(), NAME)
+    assert found.verdict == CANNOT_TELL and not found.effects and found.unknown is None
+    assert found.contradictions and "sign of gauge_torque" in found.contradictions[0]
+    assert found.notes == found.contradictions and found.contradictions[0] in found.experiments[0].how
+    assert found.json()["contradictions"] == list(found.contradictions)
+    assert contradicted(NAME, ("a", "b")).experiments[0].how == "mend mapping or model: a; b"
+
+
+def test_floors_do_not_fall_below_the_sensors() -> None:
+    """A torque of white noise of 2 N m: the floor of the rotor balance holds at least its part in the band."""
+    whole = signals()
+    loud = replace(whole, motor_torque=whole.motor_torque + 2.0 * np.random.default_rng(1).standard_normal(30_000))
+    found = compare_joint(recording(loud), model(), NAME, free_run=False).comparison.channels[MOTOR]
+    band = 2.0 * np.sqrt(2e-3 * 30.0)
+    assert 0.7 * band < found.noise_floor and found.noise_floor < 1.3 * found.rms_error_refitted
 
 
 def test_channel_rows_are_no_numbers_where_a_row_does_not_count() -> None:

@@ -17,6 +17,7 @@ from oracles.simple_joint import RATIO, Joint, simulate, with_noise
 from hd_control.lab.signals.checks import (
     check_signals,
     degrees,
+    examine,
     extent,
     saturated,
     temperature,
@@ -24,6 +25,7 @@ from hd_control.lab.signals.checks import (
     unwrapped,
 )
 from hd_control.lab.signals.checks import stuck as stuck_signals
+from hd_control.lab.signals.delays import KnownLinks
 from hd_control.lab.signals.joint_signals import SIGNALS, JointSignals
 from hd_sim.puzzles.recordings import make_pair
 
@@ -173,6 +175,53 @@ def test_each_contradiction_of_a_plain_joint_is_named_alone(spoiled: dict[str, f
     columns = {name: factor * getattr(plain(), name) for name, factor in spoiled.items()}
     found = check_signals(replace(plain(), **columns), RATIO)
     assert len(found) == 1 and says in found[0], found
+
+
+def described(factor: float = 1.0) -> KnownLinks:
+    """What a description says of the plain joint's link, times a factor."""
+    q = plain().joint_position
+    acceleration = np.gradient(np.gradient(np.convolve(q, np.ones(25) / 25.0, "same"), 1e-3), 1e-3)
+    return KnownLinks(PLAIN.link_inertia * acceleration, factor * PLAIN.gravity * np.sin(q))
+
+
+ONLY_ANGLE_AND_DRIVE = {"gauge_torque": None, "motor_shaft_position": None}
+
+
+@pytest.mark.parametrize(
+    ("torque", "gravity", "says"),
+    [
+        (1.0, 1.0, ""),
+        (1.0, 0.6, ""),  # a payload
+        (1.0, 2.0, ""),
+        (
+            0.01,
+            1.0,
+            "motor_torque shows 0.010.? of the gravity .* torque of the motor itself, not times the gear",
+        ),
+        (1e3, 1.0, "motor_torque shows 1.*e.03 of the gravity .* factor 1000, as N m and mN m"),
+        (1.0, 4.0, "motor_torque shows 0.25.? of the gravity that the robot description says: the robot description"),
+        (1.0, -1.0, "looks flipped: it shows -1.* of the gravity"),
+    ],
+)
+def test_gravity_of_the_description_shows_unit_scale_and_sign(torque: float, gravity: float, says: str) -> None:
+    """Without a gauge and a rated torque nothing else would."""
+    whole = replace(plain(), **ONLY_ANGLE_AND_DRIVE, motor_torque=torque * plain().motor_torque)
+    found = examine(whole, RATIO, links=described(gravity))
+    assert len(found.contradictions) == (1 if says else 0), found.contradictions
+    if says:
+        assert re.search(says, found.contradictions[0]) and found.contradictions[0] in found.sentences
+        assert found.delays == (), "beside a contradiction no delay means anything"
+
+
+def test_what_is_odd_is_no_contradiction() -> None:
+    """Delays, wraps, stuck sensors and kelvin do not keep a diagnosis from its answer."""
+    warm = replace(plain(), temperature=np.full(plain().time.size, 300.0))
+    assert examine(warm, RATIO).sentences and examine(warm, RATIO).contradictions == ()
+    slow = replace(plain(), joint_position=late(plain().joint_position, 10))
+    found = examine(slow, RATIO)
+    assert any("shifted in time" in text for text in found.sentences) and found.contradictions == ()
+    measured = {delay.signal: delay for delay in found.delays}
+    assert measured["joint_position"].sure and measured["joint_position"].low < 0.01 < measured["joint_position"].high
 
 
 @pytest.mark.parametrize("ratio", [99.0, 101.0, 160.0])

@@ -13,11 +13,14 @@ from scipy.signal import lfilter
 
 from hd_control.lab.signals.delays import (
     LONGEST_S,
+    MOTION,
     SMALLEST,
+    KnownLinks,
     Shift,
     SlowRows,
     best_shift,
     delay_sentences,
+    measured_delays,
     regress,
 )
 from hd_control.lab.signals.filters import EDGE_S
@@ -219,6 +222,37 @@ def test_a_shift_counts_if_it_is_long_sure_inside_and_explains(change: dict[str,
     assert shift.counts(PERIOD) == counts
     assert replace(shift, seconds=-shift.seconds).counts(PERIOD) == counts
     assert Shift("x", -3.1e-3, 0.0, 0.0, 0.0, True).words(PERIOD) == "x 3.1 ms (3.1 samples) early"
+
+
+def test_every_signal_has_its_measured_delay_with_an_interval() -> None:
+    late = replace(signals(), joint_position=shifted(signals().joint_position, 7e-3))
+    found = {delay.signal: delay for delay in measured_delays(SlowRows(late, RATIO))}
+    assert set(found) == {"joint_position", "motor_torque", "gauge_torque"}
+    joint = found["joint_position"]
+    assert joint.against == "motor_shaft_position" and joint.determined and joint.sure
+    assert joint.low < 7e-3 < joint.high and joint.high - joint.low < 1e-3
+    assert not found["gauge_torque"].sure and found["gauge_torque"].against == MOTION
+
+
+def test_a_delay_that_is_not_determined_says_why() -> None:
+    little = SlowRows(with_noise(simulate(tones=((0.02, 0.3), (0.01, 1.1), (0.005, 2.3)))), RATIO)
+    assert all(not d.determined and "rad only" in d.why_not for d in measured_delays(little))
+    one_sine = SlowRows(with_noise(simulate(tones=((0.5, 0.6),))), RATIO)
+    assert all("frequencies only" in d.why_not for d in measured_delays(one_sine))
+    far = replace(signals(), joint_position=shifted(signals().joint_position, 1.5 * LONGEST_S))
+    found = {delay.signal: delay for delay in measured_delays(SlowRows(far, RATIO))}
+    assert "no best shift within 100 ms" in found["joint_position"].why_not
+
+
+def test_known_links_take_the_place_of_an_own_gravity() -> None:
+    """A torque that follows another joint's angle: only a description knows it."""
+    whole = replace(signals(), gauge_torque=None, motor_shaft_position=None)
+    other = 30.0 * np.sin(1.3 * whole.time) + 10.0 * np.cos(0.4 * whole.time)
+    moved = replace(whole, motor_torque=whole.motor_torque + other)
+    (blind,) = measured_delays(SlowRows(moved, RATIO))
+    known = measured_delays(SlowRows(moved, RATIO, KnownLinks(np.zeros(other.size), other)))
+    assert not blind.determined and blind.why_not
+    assert known[0].determined and abs(known[0].seconds) < 0.02
 
 
 def test_a_stiff_spring_alone_does_not_need_a_gauge() -> None:

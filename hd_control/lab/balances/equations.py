@@ -67,7 +67,7 @@ def build_equations(signals: JointSignals, known: Known, link: LinkFunction | No
         states = _with_link(states, terms, _link_band(signals.period))
         if signals.gauge_torque is None:
             torque = states.link_inertia_torque + states.link_bias_torque
-            scale = float(np.quantile(np.abs(torque[derived.usable]), 0.98))
+            scale = float(np.quantile(np.abs(torque[derived.usable]), 0.98)) if derived.usable.any() else 1.0
             states = replace(states, gauge_torque=torque, joint_torque=torque, torque_scale=max(scale, 1e-9))
             substituted.append("gauge_torque")
     builder = _Builder(signals, known, spectral, derived, states, terms, tuple(substituted))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hd_control.core.arrays import BoolArray, FloatArray
 from hd_control.drive.effect import DriveStates
 from hd_control.lab.signals.filters import EDGE_S, Band, Spectral, band_for, fill_gaps
-from hd_control.lab.signals.joint_signals import JointSignals
+from hd_control.lab.signals.joint_signals import JointSignals, quantum
 
 MOTOR_TAPER = (40.0, 65.0)
 JOINT_TAPER = (10.0, 25.0)
@@ -127,7 +127,8 @@ def drive_states(signals: JointSignals, gear_ratio: float, spectral: Spectral, d
     motor_band = Band(*_taper(MOTOR_TAPER, period))
     wide = Band(*_taper((0.3 / period, 0.45 / period), period))
     torque = derived.gauge_torque
-    scale = float(np.quantile(np.abs(torque[derived.usable]), 0.98)) if np.isfinite(torque).all() else 1.0
+    seen = derived.usable.any() and np.isfinite(torque).all()
+    scale = float(np.quantile(np.abs(torque[derived.usable]), 0.98)) if seen else 1.0
     command = filled.get("motor_torque")
     held = missing if command is None else spectral.filter(command, wide, 0, spectral.hold())
     rate = missing if not np.isfinite(torque).all() else spectral.filter(filled["gauge_torque"], motor_band, 1)
@@ -167,17 +168,6 @@ COARSE = 0.5
 """Count of an angle over that of the coarsest one of a channel below which its tones do not matter."""
 MOST_NOISY = 0.6
 """Share of a channel's rows that may be left out because of the counts of an angle."""
-
-
-def quantum(signal: FloatArray) -> float:
-    """The count of a quantised signal; 0 if its smallest steps are no counts."""
-    steps = np.abs(np.diff(signal))
-    steps = steps[steps > 0.0]
-    if steps.size == 0:
-        return 0.0
-    small = float(np.quantile(steps, 0.01))
-    whole = steps[:2000] / small
-    return small if float(np.mean(np.abs(whole - np.round(whole)) < 0.05)) > 0.9 else 0.0
 
 
 def count_tone(

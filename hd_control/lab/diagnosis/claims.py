@@ -13,11 +13,12 @@ import numpy as np
 
 from hd_control.core.arrays import BoolArray, FloatArray
 from hd_control.drive.effect import MOTOR
-from hd_control.lab.balances.states import count_tone, quantum
+from hd_control.lab.balances.states import count_tone
 from hd_control.lab.diagnosis.candidates import Group
 from hd_control.lab.diagnosis.fit import Fit, RawRows
 from hd_control.lab.diagnosis.search import Search, Selection
 from hd_control.lab.diagnosis.verdict import NamedEffect, Unknown
+from hd_control.lab.signals.joint_signals import quantum
 
 # ---- What is left after the fit --------------------------------------------------------------------
 

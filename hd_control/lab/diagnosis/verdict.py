@@ -163,7 +163,8 @@ class ChannelError:
 
 @dataclass(frozen=True)
 class JointDiagnosis:
-    """The answer for one joint, with what pictures and later steps need (`fit` is None after a refusal)."""
+    """The answer for one joint, with what pictures and later steps need (`fit` is None after a refusal).
+    `contradictions`: what signals and model disagree in; then nothing is named."""
 
     joint: str
     verdict: str
@@ -176,6 +177,7 @@ class JointDiagnosis:
     fit: Fit | None = None
     base: Mapping[str, Interval] = field(default_factory=dict)
     seconds: float = 0.0
+    contradictions: tuple[str, ...] = ()
 
     def json(self) -> dict[str, Any]:
         """The form of `hd.diagnosis/1`."""
@@ -195,4 +197,5 @@ class JointDiagnosis:
                 for name, c in self.channels.items()
             },
             "notes": list(self.notes),
+            "contradictions": list(self.contradictions),
         }

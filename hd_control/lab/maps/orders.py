@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -37,14 +38,19 @@ WAVE_GENERATOR, JOINT = "wave-generator turn", "joint turn"
 
 @dataclass(frozen=True)
 class OrderRecord:
-    """One recording of one signal: `time` s, `turns` of the shaft that orders count, `values`, each (rows,); rows that
-    are `used`; `band` Hz up to which the values are not attenuated."""
+    """One recording: `time` s and `turns` of the shaft that orders count (rows,); `values` (rows,) of one signal, or
+    (rows, k) of several; rows that are `used`; `band` Hz up to which the values are not attenuated."""
 
     time: FloatArray
     turns: FloatArray
     values: FloatArray
     used: BoolArray
     band: float
+
+    @cached_property
+    def rate(self) -> FloatArray:
+        """Turns per s, (rows,)."""
+        return np.asarray(np.gradient(self.turns, self.time))
 
 
 @dataclass(frozen=True)
@@ -139,7 +145,15 @@ def order_spectrum(
 ) -> OrderSpectrum:
     """Spectrum of one signal over all `records` together. With a gear ratio, turns are the wave generator's; without,
     the joint's. `least`, `most`: range of orders in that unit."""
-    parts = []
+    return order_spectra(records, gear_ratio, least, most)[0]
+
+
+def order_spectra(
+    records: Sequence[OrderRecord], gear_ratio: float | None, least: float = 0.6, most: float = 40.0
+) -> tuple[OrderSpectrum, ...]:
+    """The same of several signals that were recorded together, for little more than one of them."""
+    signals = 1 if records[0].values.ndim == 1 else records[0].values.shape[1]
+    parts: list[tuple[Part, ...]] = []
     low = least
     while low < most:
         high = min(SPAN * low, most)
@@ -147,9 +161,13 @@ def order_spectrum(
         if part is not None:
             parts.append(part)
         low = high
+    turn = JOINT if gear_ratio is None else WAVE_GENERATOR
+    return tuple(_spectrum([part[i] for part in parts], turn, gear_ratio) for i in range(signals))
+
+
+def _spectrum(parts: Sequence[Part], turn: str, gear_ratio: float | None) -> OrderSpectrum:
     directions = {d: _joined(parts, d) for d in (BACKWARD, FORWARD)}
     peaks = [peak for part in parts for d in (BACKWARD, FORWARD) for peak in _peaks(part, d)]
-    turn = JOINT if gear_ratio is None else WAVE_GENERATOR
     return OrderSpectrum(turn, gear_ratio, directions, tuple(parts), tuple(sorted(peaks, key=lambda p: p.order)))
 
 
@@ -169,18 +187,16 @@ class _Run:
 
 def _runs(record: OrderRecord, highest: float) -> list[_Run]:
     """Runs in which `highest` orders per turn stay inside the band."""
-    rate = np.gradient(record.turns, record.time)
+    rate = record.rate
     inside = record.used & (np.abs(rate) * highest <= record.band)
     state = np.where(inside, np.sign(rate), 0.0).astype(np.int64)
     edges = np.concatenate([[0], np.flatnonzero(np.diff(state)) + 1, [state.size]])
-    found = []
-    for start, stop in zip(edges[:-1], edges[1:], strict=True):
-        if state[start] and stop - start >= 8:
-            found.append(_Run(record, slice(int(start), int(stop)), int(state[start])))
-    return found
+    long = np.flatnonzero((np.diff(edges) >= 8) & (state[edges[:-1]] != 0))
+    return [_Run(record, slice(int(edges[i]), int(edges[i + 1])), int(state[edges[i]])) for i in long]
 
 
-def _part(records: Sequence[OrderRecord], low: float, high: float) -> Part | None:
+def _part(records: Sequence[OrderRecord], low: float, high: float) -> tuple[Part, ...] | None:
+    """The part of every signal."""
     cells = LEAST_CELLS + GUARD_CELLS + 1
     for margin in MARGINS:
         runs = [run for record in records for run in _runs(record, margin * high)]
@@ -190,14 +206,14 @@ def _part(records: Sequence[OrderRecord], low: float, high: float) -> Part | Non
     return None
 
 
-def _spectra(runs: Sequence[_Run], turns: float, low: float, high: float, highest: float) -> Part:
-    """The stretches of `turns` turns of all runs."""
+def _spectra(runs: Sequence[_Run], turns: float, low: float, high: float, highest: float) -> tuple[Part, ...]:
+    """The stretches of `turns` turns of all runs, for every signal."""
     cells = int(np.ceil(turns * highest * CELLS_PER_CYCLE))
     all_orders = np.asarray(np.fft.rfftfreq(PADDING * cells, turns / cells), dtype=np.float64)
     keep = (all_orders >= max(3.0 / turns, 0.25 * low)) & (all_orders <= highest)
     orders = all_orders[keep]
     stretches = [s for run in runs if run.turns >= turns for s in _stretches(run, turns, cells, keep, orders)]
-    return Part(orders, low, high, turns, tuple(stretches))
+    return tuple(Part(orders, low, high, turns, own) for own in zip(*stretches, strict=True))
 
 
 def _stretch_turns(lengths: list[float], least: float) -> float | None:
@@ -212,29 +228,34 @@ def _stretch_turns(lengths: list[float], least: float) -> float | None:
     return best
 
 
-def _stretches(run: _Run, turns: float, cells: int, keep: BoolArray, orders: FloatArray) -> list[Stretch]:
-    """Spectra of the stretches of a run, overlapping by half."""
+def _stretches(
+    run: _Run, turns: float, cells: int, keep: BoolArray, orders: FloatArray
+) -> list[tuple[Stretch, ...]]:  # fmt: skip
+    """Spectra of the stretches of a run, overlapping by half; one for every signal."""
     from scipy.interpolate import CubicSpline
 
-    time, values = run.record.time[run.rows], run.record.values[run.rows]
-    angle = np.maximum.accumulate(run.direction * (run.record.turns[run.rows] - run.record.turns[run.rows.start]))
+    rows = run.rows
+    time, rate = run.record.time[rows], run.record.rate[rows]
+    values = run.record.values[rows].reshape(time.size, -1)
+    angle = np.maximum.accumulate(run.direction * (run.record.turns[rows] - run.record.turns[rows.start]))
     forward = np.concatenate([[True], np.diff(angle) > 0.0])
-    rate = np.gradient(angle, time)
-    total = CubicSpline(time, values * rate).antiderivative()
-    swept = CubicSpline(time, rate).antiderivative()
+    swept = CubicSpline(time, np.column_stack([rate, values * rate[:, None]])).antiderivative()
     window = np.hanning(cells + 2)[1:-1]
     damping = np.sinc(orders * turns / cells)
+    position = np.linspace(-0.5, 0.5, cells)
+    position = position / (position @ position)
     count = 1 + int(np.floor(2.0 * (angle[-1] / turns - 1.0) + 1e-9))
     found = []
     for k in range(max(1, count)):
         edges = np.linspace(0.0, turns, cells + 1) + 0.5 * k * turns
         moments = np.interp(edges, angle[forward], time[forward])
-        mean = np.diff(total(moments)) / np.maximum(np.diff(swept(moments)), 1e-12)
-        position = np.linspace(-0.5, 0.5, cells)
-        mean = mean - mean.mean() - position * (position @ mean) / (position @ position)
-        amplitude = 2.0 * np.abs(np.fft.rfft(mean * window, PADDING * cells))[keep] / window.sum() / damping
+        area = np.diff(swept(moments), axis=0) * run.direction
+        mean = (area[:, 1:] / np.maximum(area[:, :1], 1e-12)).T
+        mean = mean - mean.mean(axis=1, keepdims=True)
+        mean = mean - (mean @ np.linspace(-0.5, 0.5, cells))[:, None] * position
+        amplitude = 2.0 * np.abs(np.fft.rfft(mean * window, PADDING * cells))[:, keep] / window.sum() / damping
         speed = turns / max(float(moments[-1] - moments[0]), 1e-12)
-        found.append(Stretch(run.direction, speed, amplitude**2))
+        found.append(tuple(Stretch(run.direction, speed, own**2) for own in amplitude))
     return found
 
 

@@ -15,18 +15,21 @@ from numpy.typing import NDArray
 from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import ConfigError
 from hd_control.drive.model import Model
-from hd_control.lab.balances.channels import shown_unit
+from hd_control.lab.balances.channels import JointEquations, shown_unit
 from hd_control.lab.balances.link import LinkSide
 from hd_control.lab.balances.noise import Noise
 from hd_control.lab.diagnosis.corrections import Task
 from hd_control.lab.diagnosis.diagnose import diagnose
 from hd_control.lab.diagnosis.task import task_of, written_coefficients
-from hd_control.lab.diagnosis.verdict import JointDiagnosis
+from hd_control.lab.diagnosis.verdict import CANNOT_TELL, Experiment, JointDiagnosis
 from hd_control.lab.maps.condition_maps import conditions_of, maps_of, sentence, worst
 from hd_control.lab.maps.orders import describe, lines_of, order_spectrum
 from hd_control.lab.models.compare import ChannelComparison, Horizons, JointComparison, compare, horizons, noises_of
-from hd_control.lab.signals.checks import check_signals
+from hd_control.lab.models.observations import Observations, observe
+from hd_control.lab.signals.checks import SignalChecks, examine
+from hd_control.lab.signals.delays import KnownLinks
 from hd_control.lab.signals.joint_signals import Recording
+from hd_control.lab.signals.sensors import SensorQuality
 from hd_control.record.tables import topic_name
 
 WORST = 8
@@ -46,6 +49,7 @@ class JointReport:
     order_lines: Mapping[str, tuple[str, ...]]
     horizons: Horizons
     notes: tuple[str, ...]
+    observations: Observations
 
     def json(self) -> dict[str, Any]:
         """The form of `hd.compare/1`."""
@@ -58,6 +62,7 @@ class JointReport:
             "channels": channels,
             "free_run": self.horizons.json(),
             "notes": list(self.notes),
+            **self.observations.json(),
         }
 
 
@@ -69,18 +74,33 @@ def joint_task(recording: Recording, model: Model, joint: str, link: LinkSide | 
     return task_of(recording.joints[joint], model.joint(joint), side.function(joint))
 
 
-def notes_of(recording: Recording, model: Model, joint: str, link: LinkSide) -> tuple[str, ...]:
+def checks_of(recording: Recording, model: Model, joint: str, equations: JointEquations) -> SignalChecks:
+    """Do the signals of one joint make sense, and do they agree with what the model says of gear and gravity?"""
+    about, s = model.joint(joint), equations.states
+    known = model.robot is not None and np.isfinite(s.link_bias_torque).all()
+    links = KnownLinks(s.link_inertia_torque, s.link_bias_torque) if known else None
+    return examine(recording.joints[joint], about.gear_ratio, about.rated_torque, links)
+
+
+def notes_of(recording: Recording, joint: str, link: LinkSide, checks: SignalChecks) -> tuple[str, ...]:
     """What looks wrong with the signals, and what the model does not allow."""
-    signals, about = recording.joints[joint], model.joint(joint)
     why = link.why_not(joint)
-    return (*signals.notes, *check_signals(signals, about.gear_ratio, about.rated_torque), *([why] if why else []))
+    return (*recording.joints[joint].notes, *checks.sentences, *([why] if why else []))
 
 
 def diagnose_joint(recording: Recording, model: Model, joint: str, link: LinkSide | None = None) -> JointDiagnosis:
-    """Which effect is missing in the model of one joint."""
+    """Which effect is missing in the model of one joint; none is named from signals that contradict the model."""
     side = link if link is not None else LinkSide(model, recording.joints)
-    found = diagnose(joint_task(recording, model, joint, side))
-    return replace(found, notes=(*notes_of(recording, model, joint, side), *found.notes))
+    task = joint_task(recording, model, joint, side)
+    checks = checks_of(recording, model, joint, task.equations)
+    found = contradicted(joint, checks.contradictions) if checks.contradictions else diagnose(task)
+    return replace(found, notes=(*notes_of(recording, joint, side, checks), *found.notes))
+
+
+def contradicted(joint: str, why: tuple[str, ...]) -> JointDiagnosis:
+    """The answer for signals that contradict the model: no name, and the contradictions as the reason."""
+    experiments = (Experiment("signals that agree with the model", f"mend mapping or model: {'; '.join(why)}"),)
+    return JointDiagnosis(joint, CANNOT_TELL, (), None, experiments, {}, None, contradictions=why)
 
 
 def compare_joint(
@@ -97,7 +117,8 @@ def compare_joint(
     """
     side = link if link is not None else LinkSide(model, recording.joints)
     task = joint_task(recording, model, joint, side)
-    found = compare_task(task, model, joint, noises)
+    seen = observe(recording.joints[joint], task.equations, checks_of(recording, model, joint, task.equations))
+    found = compare_task(task, model, joint, noises, seen.sensors)
     runs = horizons(task, recording.joints[joint], model.joint(joint), side) if free_run else Horizons({})
     channels, sentences, lines = {}, {}, {}
     for name, channel in found.channels.items():
@@ -105,9 +126,9 @@ def compare_joint(
         channels[name] = replace(channel, worst=tuple(worst(maps, WORST)))
         sentences[name] = sentence(maps, channel.noise_floor)
         lines[name] = _order_lines(found, channel)
-    notes = notes_of(recording, model, joint, side)
+    notes = notes_of(recording, joint, side, seen.checks)
     present = recording.joints[joint].present
-    return JointReport(joint, present, replace(found, channels=channels), sentences, lines, runs, notes)
+    return JointReport(joint, present, replace(found, channels=channels), sentences, lines, runs, notes, seen)
 
 
 def _order_lines(found: JointComparison, channel: ChannelComparison) -> tuple[str, ...]:
@@ -118,12 +139,18 @@ def _order_lines(found: JointComparison, channel: ChannelComparison) -> tuple[st
     return tuple(describe(line, spectrum, unit, factor) for line in lines_of(spectrum))
 
 
-def compare_task(task: Task, model: Model, joint: str, noises: Mapping[str, Noise] | None = None) -> JointComparison:
-    """The model as written and refitted, on its own task."""
+def compare_task(
+    task: Task,
+    model: Model,
+    joint: str,
+    noises: Mapping[str, Noise] | None = None,
+    sensors: Mapping[str, SensorQuality] | None = None,
+) -> JointComparison:
+    """The model as written and refitted, on its own task; noise floors not below what the `sensors` allow."""
     if noises is None:
         noises = noises_of(task)
     first = compare(task, None, noises)
-    return compare(task, written_coefficients(first.dictionary, model.joint(joint), task.context), noises)
+    return compare(task, written_coefficients(first.dictionary, model.joint(joint), task.context), noises, sensors)
 
 
 # ---- Residual channels as series -------------------------------------------------------------------

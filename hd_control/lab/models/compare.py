@@ -18,6 +18,7 @@ from hd_control.drive.effect import TRANSMISSION, UNITS
 from hd_control.drive.model import JointModel
 from hd_control.drive.predict import HORIZONS, FreeRun, free_run
 from hd_control.lab.balances.channels import Channel, JointEquations
+from hd_control.lab.balances.floors import sensor_floor, smoothed_floor
 from hd_control.lab.balances.link import LinkSide
 from hd_control.lab.balances.noise import Noise
 from hd_control.lab.balances.states import noisy_rows
@@ -29,6 +30,7 @@ from hd_control.lab.diagnosis.scores import Scores
 from hd_control.lab.maps.orders import OrderRecord, channel_record
 from hd_control.lab.signals.filters import band_for
 from hd_control.lab.signals.joint_signals import JointSignals
+from hd_control.lab.signals.sensors import SensorQuality
 
 # ---- The transmission over its widest band ---------------------------------------------------------
 #
@@ -200,8 +202,15 @@ def noises_of(task: Task) -> dict[str, Noise]:
     return prepare(task).noises
 
 
-def compare(task: Task, written: FloatArray | None, noises: Mapping[str, Noise] | None = None) -> JointComparison:
+def compare(
+    task: Task,
+    written: FloatArray | None,
+    noises: Mapping[str, Noise] | None = None,
+    sensors: Mapping[str, SensorQuality] | None = None,
+) -> JointComparison:
     """Residuals of the model as written (coefficients of `task.written_coefficients`) and refitted.
+
+    `sensors`: no noise floor falls below what they allow.
 
     The assembly zero of the joint sensor, small delays between signals and the noise of the gauge in the fast torsion
     are no properties of a model: they are always refitted.
@@ -217,6 +226,9 @@ def compare(task: Task, written: FloatArray | None, noises: Mapping[str, Noise] 
     found = {}
     for name, channel in task.equations.channels.items():
         floor = noises[name].deviation
+        if sensors:
+            allowed = sensor_floor(task.equations, name, sensors)
+            floor = max(floor, allowed, smoothed_floor(channel, refitted[name], sensors))
         found[name] = ChannelComparison(
             name, channel.time, channel.fitted, channel.left, residual[name], refitted[name], floor
         )

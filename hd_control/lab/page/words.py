@@ -32,6 +32,8 @@ def plain_name(effect: str) -> str:
 
 def headline(diagnosis: JointDiagnosis) -> str:
     """The verdict in one sentence."""
+    if diagnosis.contradictions:
+        return f"Signals and model contradict each other, so nothing is named: {'; '.join(diagnosis.contradictions)}."
     names = [plain_name(effect.name) for effect in diagnosis.effects]
     if diagnosis.verdict == ADEQUATE:
         return "The model explains this recording down to the noise; nothing is missing that the data show."

@@ -7,13 +7,23 @@ signals are right (good and poor recordings, every hidden effect) so that none o
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from hd_control.core.arrays import FloatArray
-from hd_control.lab.signals.delays import FEWEST_ROWS, SlowRows, delay_sentences, regress
+from hd_control.lab.signals.delays import (
+    FEWEST_ROWS,
+    POSITIONS,
+    KnownLinks,
+    MeasuredDelay,
+    SlowRows,
+    delay_sentences,
+    measured_delays,
+    position_shift,
+    regress,
+)
 from hd_control.lab.signals.joint_signals import JointSignals
 from hd_control.lab.signals.recording import MEASURED
 from hd_control.lab.signals.sources import DEGREE
@@ -21,7 +31,6 @@ from hd_control.lab.signals.sources import DEGREE
 # ---- Single columns: wraps, units, stuck and saturated signals, temperatures -----------------------
 
 
-POSITIONS = ("motor_shaft_position", "joint_position")
 JOINT_TURNS = 4.0 * np.pi
 """rad beyond which a joint angle is more likely in degrees."""
 JOINT_SPEED, MOTOR_SPEED = 12.0, 1500.0
@@ -192,28 +201,51 @@ CLEAR_POWER, CLEAR_INERTIA = 8.0, 15.0
 LEAST_DRIVEN = 0.1
 """rad of motion below which a joint may only be pushed by its neighbours; its torque says nothing of its sign then."""
 SCALE_ERROR, SCALE_RANGE, SCALE_REST = 0.05, (0.15, 7.0), 0.3
+CLEAR_GRAVITY, GRAVITY_SHARE, GRAVITY_RANGE = 10.0, 0.03, (0.4, 20.0)
+"""t value and share of the torque from which on gravity decides; parts of the described one that may be true: a load on
+a light wrist is many times the wrist's own weight, but nothing takes gravity away."""
 FACTORS = {1e3: "1000, as N m and mN m", 1e-3: "0.001, as N m and kN m"}
 
 
-def check_signals(signals: JointSignals, gear_ratio: float, rated_torque: float | None = None) -> tuple[str, ...]:
-    """What looks wrong with the signals of one joint, one sentence each; empty if nothing does.
+@dataclass(frozen=True)
+class SignalChecks:
+    """What was seen of one joint's signals: all `sentences`; those that are `contradictions` of signals and model
+    (sign, gear ratio, unit, gravity), with which no name of an effect means anything; `delays`."""
 
-    gear_ratio and rated_torque (N m, output side) are those of the model.
-    """
+    sentences: tuple[str, ...]
+    contradictions: tuple[str, ...]
+    delays: tuple[MeasuredDelay, ...]
+
+
+def check_signals(
+    signals: JointSignals, gear_ratio: float, rated_torque: float | None = None, links: KnownLinks | None = None
+) -> tuple[str, ...]:
+    """What looks wrong with the signals of one joint, one sentence each; empty if nothing does."""
+    return examine(signals, gear_ratio, rated_torque, links).sentences
+
+
+def examine(
+    signals: JointSignals, gear_ratio: float, rated_torque: float | None = None, links: KnownLinks | None = None
+) -> SignalChecks:
+    """All checks of one joint. gear_ratio and rated_torque (N m, output side) are those of the model; `links`: what its
+    robot description says of the torque."""
     wraps, continuous = unwrapped(signals)
     angles, units = degrees(continuous), torque_units(signals, gear_ratio, rated_torque)
     found = [*wraps, *angles, *units, *stuck(continuous, gear_ratio), *temperature(signals), *saturated(signals)]
     moving = _moving(continuous)
     if not {*POSITIONS} & {*moving.present} or signals.time.size * signals.period < SHORTEST:
-        return tuple(found)
-    rows = SlowRows(moving, gear_ratio)
+        return SignalChecks(tuple(found), (*angles, *units), ())
+    rows = SlowRows(moving, gear_ratio, links)
     if int(rows.usable.sum()) < FEWEST_ROWS:
-        return tuple(found)
+        return SignalChecks(tuple(found), (*angles, *units), ())
     ratio = [] if angles else _ratio(rows, gear_ratio)
     signs = [] if OPPOSITE in "".join(ratio) else _signs(rows)  # against a position that is turned both torques are
     scale = [] if signs or units else _scale(rows, gear_ratio)
-    delays = [] if any((wraps, angles, units, ratio, signs, scale)) else delay_sentences(rows)
-    return (*found, *ratio, *signs, *scale, *delays)
+    scale = scale or ([] if signs or units or angles else _gravity(rows, gear_ratio))
+    wrong = (*angles, *units, *ratio, *signs, *scale)
+    delays = [] if wraps or wrong else delay_sentences(rows)
+    measured = () if wraps or wrong else tuple(measured_delays(rows))
+    return SignalChecks((*found, *ratio, *signs, *scale, *delays), wrong, measured)
 
 
 def _moving(signals: JointSignals) -> JointSignals:
@@ -225,22 +257,32 @@ def _moving(signals: JointSignals) -> JointSignals:
 
 
 def _ratio(rows: SlowRows, gear_ratio: float) -> list[str]:
-    """The slope between the positions against the gear ratio of the model."""
+    """The slope between the positions against the gear ratio of the model; a delay between them is no slope."""
     if not {*POSITIONS} <= rows.present:
         return []
-    joint = rows.rows("joint_position")
-    span = float(np.ptp(joint[rows.usable]))
+    span = float(np.ptp(rows.rows("joint_position")[rows.usable]))
     motor_span = float(np.ptp(rows.rows("motor_shaft_position")[rows.usable]))
     if span < LEAST_MOTION or motor_span < LEAST_MOTION / gear_ratio:
         return []
-    with_gauge = "gauge_torque" in rows.present
-    columns = [joint, np.ones(joint.size)] + ([rows.rows("gauge_torque")] if with_gauge else [])
+    relative, torsion = RATIO_TOLERANCE if "gauge_torque" in rows.present else TORSION
+    tolerance = max(relative, torsion / span)
+    slope, left = _slope(rows, 0.0)
+    if abs(slope - 1.0) > tolerance:
+        shift, _ = position_shift(rows)[0]
+        slope, left = _slope(rows, shift.seconds if shift.counts(rows.period) else 0.0)
+    return [] if abs(slope - 1.0) <= tolerance or left > 0.1 else _ratio_words(gear_ratio * slope, slope, gear_ratio)
+
+
+def _slope(rows: SlowRows, advance: float) -> tuple[float, float]:
+    """Slope of the motor angle over the joint angle read `advance` s later, both on the output side; share left."""
+    columns = [rows.rows("joint_position", 0, advance), np.ones(rows.usable.size)]
+    columns += [rows.rows("gauge_torque")] if "gauge_torque" in rows.present else []
     fit = regress(rows.rows("motor_shaft_position"), columns, rows.usable)
-    slope = float(fit.coefficients[0])
-    relative, torsion = RATIO_TOLERANCE if with_gauge else TORSION
-    if abs(slope - 1.0) <= max(relative, torsion / span) or fit.rest > 0.1 * fit.spread:
-        return []
-    found = gear_ratio * slope
+    return float(fit.coefficients[0]), fit.rest / max(1e-300, fit.spread)
+
+
+def _ratio_words(found: float, slope: float, gear_ratio: float) -> list[str]:
+    """What a ratio means that is not the model's."""
     for meant, text in (
         (1.0 / gear_ratio, "motor_shaft_position looks already divided by the gear ratio"),
         (DEGREE, "joint_position looks like degrees, motor_shaft_position like rad"),
@@ -298,3 +340,40 @@ def _scale(rows: SlowRows, gear_ratio: float) -> list[str]:
         ]
     near = next((text for factor, text in FACTORS.items() if 0.6 < abs(c) / factor < 1.6), f"{abs(c):.3g}")
     return [f"motor_torque and gauge_torque differ by a factor of {near}: check their units"]
+
+
+def _gravity(rows: SlowRows, gear_ratio: float) -> list[str]:
+    """torque = c x (gravity of the robot description) + inertia + friction; c is 1 but for a payload or a gain error.
+
+    Sine and cosine of the joint's own angle are left out: beside them nothing is left of a standing arm's gravity.
+    """
+    if not rows.links_known:
+        return []
+    gravity, inertia = rows.rows("gravity"), rows.rows("inertia")
+    if float(np.ptp(gravity[rows.usable])) == 0.0:
+        return []
+    columns = [gravity, inertia, rows.rows(rows.position, 2), *rows.friction(), np.ones(gravity.size)]
+    found = []
+    for name in ("gauge_torque", "motor_torque"):
+        if name not in rows.present:
+            continue
+        fit = regress(rows.rows(name), columns, rows.usable)
+        c, sure = float(fit.coefficients[0]), abs(fit.t(0)) > CLEAR_GRAVITY
+        weight = abs(c) * float(np.std(gravity[rows.usable])) / max(1e-300, fit.spread)
+        if sure and weight > GRAVITY_SHARE and fit.rest < SCALE_REST * fit.spread:
+            found += _gravity_words(name, c, gear_ratio)
+    return found
+
+
+def _gravity_words(name: str, c: float, gear_ratio: float) -> list[str]:
+    """What a share c of the described gravity in a torque means; nothing if it may be a payload or a gain."""
+    if c < 0.0:
+        return [f"the sign of {name} looks flipped: it shows {c:.3g} of the gravity that the robot description says"]
+    if GRAVITY_RANGE[0] <= c <= GRAVITY_RANGE[1]:
+        return []
+    what = "the robot description, or the unit or scale of the torque, is another one"
+    if name == "motor_torque" and 0.5 <= c * gear_ratio <= 2.0:
+        what = f"it looks like the torque of the motor itself, not times the gear ratio {gear_ratio:g}"
+    else:
+        what = next((f"factor {text}" for factor, text in FACTORS.items() if 0.6 < c / factor < 1.6), what)
+    return [f"{name} shows {c:.3g} of the gravity that the robot description says: {what}"]

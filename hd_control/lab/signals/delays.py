@@ -2,7 +2,7 @@
 
     q(t + D) - phi = tau_s / k + ...
     u(t + D) = tau_s + I phi'' + friction
-    tau_s(t + D) = J q'' + g(q) + friction
+    tau_s(t + D) = J q'' + g(q) + friction             J q'' and g(q) those of the robot description, if there is one
 
 The shift is exact (in the frequency domain); what is left at each shift follows from one projection. `SlowRows` are the
 signals at low frequency with exact derivatives and shifts, of which checks of signs and units are made, too.
@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -33,8 +34,8 @@ FEWEST_ROWS = 60
 class SlowRows:
     """Band-limited rows of the signals that a joint has. `usable` (rows,): no gap and no edge near."""
 
-    def __init__(self, signals: JointSignals, gear_ratio: float) -> None:
-        """Motor shaft angles are divided by the gear ratio."""
+    def __init__(self, signals: JointSignals, gear_ratio: float, links: KnownLinks | None = None) -> None:
+        """Motor shaft angles are divided by the gear ratio. `links`: what a robot description says of the torque."""
         self.period, self.present = signals.period, set(signals.present)
         self.spectral = Spectral(signals.time.size, signals.period)
         self.band = band_for(signals.period, *BAND)
@@ -49,6 +50,9 @@ class SlowRows:
             bad = bad | ~np.isfinite(column)
             scale = 1.0 / gear_ratio if name == "motor_shaft_position" else 1.0
             self._spectra[name] = self.spectral.transform(scale * fill_gaps(column))
+        self.links_known = links is not None
+        for name, column in (("gravity", links.bias), ("inertia", links.inertia)) if links is not None else ():
+            self._spectra[name] = self.spectral.transform(fill_gaps(column))
         self.usable = self._usable(bad)
         self.position = "motor_shaft_position" if "motor_shaft_position" in self.present else "joint_position"
         self._direction = self._direction_rows()
@@ -66,9 +70,10 @@ class SlowRows:
         return [self._direction, self.rows(self.position, 1)]
 
     def link(self) -> list[FloatArray]:
-        """Columns of a single link: acceleration, sine and cosine of the angle, one."""
+        """Columns of the links: acceleration, sine and cosine of the angle, one; and the torques of a description."""
         q = self.rows(self.position)
-        return [self.rows(self.position, 2), np.sin(q), np.cos(q), np.ones(q.size)]
+        known = [self.rows("gravity"), self.rows("inertia")] if self.links_known else []
+        return [self.rows(self.position, 2), np.sin(q), np.cos(q), np.ones(q.size), *known]
 
     def _direction_rows(self) -> FloatArray:
         spectrum, trend = self._spectra[self.position]
@@ -84,6 +89,15 @@ class SlowRows:
         index = np.arange(0, bad.size, self.band.step)
         low, high = np.maximum(index - margin, 0), np.minimum(index + margin + 1, bad.size)
         return np.asarray(count[high] == count[low])
+
+
+@dataclass(frozen=True)
+class KnownLinks:
+    """Rigid-body torque at one joint along a recording, from a robot description and the motion of all its joints, N m
+    (n,): `inertia` of the accelerations, `bias` of gravity and velocities."""
+
+    inertia: FloatArray
+    bias: FloatArray
 
 
 @dataclass(frozen=True)
@@ -151,6 +165,7 @@ GAIN, REST = 0.85, 0.12
 """What may be left after the shift at most, of what was left before and of the signal."""
 SURE = 3.0
 """Standard errors by which a delay must exceed `SMALLEST`."""
+POSITIONS, MOTION = ("motor_shaft_position", "joint_position"), "the motion"
 LEAST_MOTION, FEWEST_LINES = 0.3, 6.0
 """rad, and lines in the spectra of speed and acceleration: on one sine a delay looks like friction."""
 
@@ -175,17 +190,67 @@ class Shift:
         """True if the data show that the signal is shifted by more than `SMALLEST` samples."""
         return self.long(period) and self.inside and self.gain < GAIN and self.rest < REST
 
+    def why_not(self) -> str:
+        """Why the data do not fix the shift; empty if they do."""
+        if not self.inside:
+            return f"no best shift within {1e3 * LONGEST_S:.0f} ms"
+        return "" if self.rest < REST else f"the balance leaves {100.0 * self.rest:.0f} % of the signal"
+
     def words(self, period: float) -> str:
         """`gauge_torque 3.1 ms (3.1 samples) late`."""
         size, how = abs(self.seconds), "late" if self.seconds > 0.0 else "early"
         return f"{self.name} {1e3 * size:.3g} ms ({size / period:.1f} samples) {how}"
 
 
+@dataclass(frozen=True)
+class MeasuredDelay:
+    """How late a signal is against another, or against the motion, s, with its 95 % interval. `determined`: the
+    recording shows it; else `why_not`. `sure`: it is surely more than `SMALLEST` samples."""
+
+    signal: str
+    against: str
+    seconds: float
+    low: float
+    high: float
+    determined: bool
+    sure: bool
+    why_not: str = ""
+
+    @property
+    def error(self) -> float:
+        """What is not known of it, s."""
+        return 0.5 * (self.high - self.low)
+
+    def json(self) -> dict[str, Any]:
+        """The form of `delays` in `hd.compare/1`."""
+        return vars(self)
+
+
+def measured_delays(rows: SlowRows) -> list[MeasuredDelay]:
+    """The delay of every signal that another one, or the motion, can be compared with. Positive: it is late."""
+    motion = _why_no_delay(rows)
+    found = []
+    for shift, against in (*position_shift(rows), *((shift, MOTION) for shift in _torque_shifts(rows))):
+        slack = 2.0 * shift.error + (0.0 if shift.name in POSITIONS else rows.period)
+        why = motion or shift.why_not()
+        low, high = shift.seconds - slack, shift.seconds + slack
+        sure = not why and shift.counts(rows.period)
+        found.append(MeasuredDelay(shift.name, against, shift.seconds, low, high, not why, sure, why))
+    return found
+
+
 def delay_sentences(rows: SlowRows) -> list[str]:
     """Signals that come late or early by more than two samples, with the amount."""
-    if float(np.ptp(rows.rows(rows.position)[rows.usable])) < LEAST_MOTION or _lines(rows) < FEWEST_LINES:
-        return []
-    return _between_positions(rows) or _of_torques(rows)
+    return [] if _why_no_delay(rows) else _between_positions(rows) or _of_torques(rows)
+
+
+def _why_no_delay(rows: SlowRows) -> str:
+    """Why the motion shows no delay; empty if it does."""
+    span = float(np.ptp(rows.rows(rows.position)[rows.usable]))
+    if span < LEAST_MOTION:
+        return f"the joint moves by {span:.2g} rad only"
+    lines = _lines(rows)
+    return "" if lines >= FEWEST_LINES else f"the motion has {lines:.1f} frequencies only, a delay looks like friction"
 
 
 def _lines(rows: SlowRows) -> float:
@@ -199,17 +264,24 @@ def _lines(rows: SlowRows) -> float:
 
 
 def _between_positions(rows: SlowRows) -> list[str]:
-    if not {"motor_shaft_position", "joint_position"} <= rows.present:
+    return [_sentence(shift.words(rows.period), f"against {against}") for shift, against in position_shift(rows)
+            if shift.counts(rows.period)]  # fmt: skip
+
+
+def position_shift(rows: SlowRows) -> list[tuple[Shift, str]]:
+    """The shift between the positions, if both are there."""
+    if not {*POSITIONS} <= rows.present:
         return []
     torque = (
         [rows.rows("gauge_torque"), rows.rows("gauge_torque", 1)] if "gauge_torque" in rows.present else rows.link()
     )
     columns = [*torque, np.ones(rows.usable.size)]
     shift = best_shift(rows, "joint_position", columns, minus=rows.rows("motor_shaft_position"))
-    return [_sentence(shift.words(rows.period), "against motor_shaft_position")] if shift.counts(rows.period) else []
+    return [(shift, "motor_shaft_position")]
 
 
-def _of_torques(rows: SlowRows) -> list[str]:
+def _torque_shifts(rows: SlowRows) -> list[Shift]:
+    """Shifts of the torques, the one that explains most first."""
     names = [name for name in ("motor_torque", "gauge_torque") if name in rows.present]
     one, motion = np.ones(rows.usable.size), [rows.rows(rows.position, 2), *rows.friction()]
     if len(names) < 2:
@@ -217,13 +289,17 @@ def _of_torques(rows: SlowRows) -> list[str]:
         shifts = [best_shift(rows, name, columns) for name in names]
     else:
         shifts = [best_shift(rows, name, [rows.rows(other), *motion, one]) for name, other in (names, names[::-1])]
-    shifts.sort(key=lambda shift: shift.gain)
+    return sorted(shifts, key=lambda shift: shift.gain)
+
+
+def _of_torques(rows: SlowRows) -> list[str]:
+    shifts = _torque_shifts(rows)
     # A late motor torque and an early gauge often explain the same: then both are said, or none if one is short.
     close = [shift for shift in shifts if shift.gain < 1.25 * shifts[0].gain]
     if not shifts or not shifts[0].counts(rows.period) or not all(shift.long(rows.period) for shift in close):
         return []
     likely = [shift for shift in close if shift.counts(rows.period)]
-    return [_sentence(" or ".join(shift.words(rows.period) for shift in likely), "against the motion")]
+    return [_sentence(" or ".join(shift.words(rows.period) for shift in likely), f"against {MOTION}")]
 
 
 def _sentence(what: str, against: str) -> str:

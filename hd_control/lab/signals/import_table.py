@@ -12,7 +12,7 @@ import numpy as np
 from hd_control.core.arrays import FloatArray, IntArray
 from hd_control.core.errors import BagError
 from hd_control.core.topics import JOINT_STATE_TYPE, TEMPERATURE, signal_places
-from hd_control.lab.signals.sources import QUANTITIES, SignalSource, SourceMap, TimeSource, held_from_measured
+from hd_control.lab.signals.sources import AT_STAMPS, QUANTITIES, SignalSource, SourceMap, TimeSource
 from hd_control.lab.signals.time_base import FEWEST, NS, rising
 from hd_control.record.cdr import JointStateCodec, TemperatureCodec
 from hd_control.record.tables import read_table
@@ -53,14 +53,14 @@ def import_table(table: str | Path, bag: Path, mapping: SourceMap | None = None,
     stamps += max(0, *(round(source_map.signals[name][0].delay * NS) for name in found))
     joints = tuple(dict.fromkeys(joint for signal in found.values() for joint in signal))
     metadata = {"imported_from": Path(table).name, "mapping": Path(source_map.name).name}
+    if "motor_torque" in found and not source_map.signals["motor_torque"][0].held:
+        metadata[AT_STAMPS] = "motor_torque"
     with BagWriter(bag, live=False, metadata=metadata) as writer:
         if robot is not None:
             writer.attach("robot.urdf", robot, "application/xml")
         for name, by_joint in found.items():
             source = source_map.signals[name][0]
             kept = {joint: source.convert(joint, values[keep]) for joint, values in by_joint.items()}
-            if name == "motor_torque" and not source.held:
-                kept = {joint: held_from_measured(values) for joint, values in kept.items()}
             _write(writer, name, kept, stamps - round(source.delay * NS))
         writer.close()
     notes = tuple(

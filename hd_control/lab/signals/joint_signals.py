@@ -6,7 +6,7 @@ Long recordings are read at a lower rate, so that an hour costs no more memory t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -85,6 +85,49 @@ SIGNALS = (
 
 
 @dataclass(frozen=True)
+class Grain:
+    """How finely a column was recorded: `step` of its counts (0 if none is seen), share of samples that repeat the one
+    before while the signal moves, and whether each value is a mean of samples at both ends of its tick."""
+
+    step: float = 0.0
+    repeated: float = 0.0
+    averaged: bool = False
+
+
+GRAIN_ROWS = 100_000
+"""Samples in the middle of a column that are looked at for its counts."""
+MOVES, MOVES_OVER = 16.0, 4
+"""Steps over so many samples on each side from which on a signal moves: then counts do not repeat by chance."""
+
+
+def quantum(signal: FloatArray) -> float:
+    """The count of a quantised signal; 0 if its smallest steps are no counts."""
+    steps = np.abs(np.diff(signal))
+    steps = steps[steps > 1e-12 * max(1.0, float(np.max(np.abs(signal), initial=0.0)))]
+    if steps.size == 0:
+        return 0.0
+    for small in (float(steps.min()), float(np.quantile(steps, 0.01))):
+        whole = steps[:2000] / small
+        if float(np.mean(np.abs(whole - np.round(whole)) < 0.05)) > 0.9:
+            return small
+    return 0.0
+
+
+def grain_of(column: FloatArray, averaged: bool = False) -> Grain:
+    """The grain of a column (n,) as it was recorded, before anything is interpolated."""
+    first = max(0, (column.size - GRAIN_ROWS) // 2)
+    values = column[first : first + GRAIN_ROWS]
+    values = values[np.isfinite(values)]
+    if values.size < 4 * MOVES_OVER:
+        return Grain(averaged=averaged)
+    step, equal = quantum(values), np.diff(values) == 0.0
+    travel = np.abs(values[2 * MOVES_OVER :] - values[: -2 * MOVES_OVER])
+    moving = travel > max(MOVES * step, 1e-12 * float(np.ptp(values)))
+    repeated = equal[MOVES_OVER:-MOVES_OVER][: moving.size][moving[: equal.size - 2 * MOVES_OVER]]
+    return Grain(step, float(repeated.mean()) if repeated.size else 0.0, averaged)
+
+
+@dataclass(frozen=True)
 class JointSignals:
     """One joint on an even time base; every column is (n,) float64, NaN where it is missing, or None if not recorded.
 
@@ -94,7 +137,7 @@ class JointSignals:
     `reference_position` rad.
     `sources`: column -> the topic it came from. `period_command_delay`: samples between the stamp of `motor_torque` and
     the moment it acts that the reader has not taken out, as far as the recording says. `notes`: what was repaired or
-    looks wrong, one sentence each.
+    looks wrong, one sentence each. `grains`: column -> how finely it was recorded, where the reader knows it.
     """
 
     joint: str
@@ -110,6 +153,7 @@ class JointSignals:
     sources: Mapping[str, str] | None = None
     period_command_delay: int = 0
     notes: tuple[str, ...] = ()
+    grains: Mapping[str, Grain] = field(default_factory=dict)
 
     @property
     def present(self) -> tuple[str, ...]:

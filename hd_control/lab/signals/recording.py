@@ -21,11 +21,28 @@ import numpy as np
 
 from hd_control.core.arrays import BoolArray, FloatArray, IntArray
 from hd_control.core.errors import BagError
-from hd_control.lab.signals.joint_signals import LONGEST_ROWS, SIGNALS, JointSignals, Recording, decimate, factor_of
-from hd_control.lab.signals.sources import STANDARD, SignalSource, SourceMap, held_from_measured, load_mapping
+from hd_control.lab.signals.joint_signals import (
+    LONGEST_ROWS,
+    SIGNALS,
+    Grain,
+    JointSignals,
+    Recording,
+    decimate,
+    factor_of,
+    grain_of,
+)
+from hd_control.lab.signals.sources import (
+    AT_STAMPS,
+    STANDARD,
+    SignalSource,
+    SourceMap,
+    held_from_measured,
+    load_mapping,
+)
 from hd_control.lab.signals.time_base import NS, SLOWEST, Alignment, TimeBase, longest_stretch, rising, time_base
 from hd_control.record.columns import Columns, has_fixed_layout
 from hd_control.record.reader import BagReader
+from hd_control.record.writer import SESSION
 
 # ---- The columns of a topic ------------------------------------------------------------------------
 
@@ -164,6 +181,7 @@ class FoundJoint:
     columns: dict[str, FloatArray] = field(default_factory=dict)
     sources: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    grains: dict[str, Grain] = field(default_factory=dict)
 
 
 @dataclass
@@ -216,6 +234,7 @@ class Collector:
             valid=valid,
             sources=dict(joint.sources),
             notes=(*joint.notes, *_remarks(joint, valid, period)),
+            grains=dict(joint.grains),
             **joint.columns,  # type: ignore[arg-type] # the names are those of SIGNALS
         )
 
@@ -234,6 +253,10 @@ class Collector:
             return True
         self.notes.append(f"{topic}: {self.bag.topics[topic]} has no columns and is not read")
         return False
+
+    def _held(self, source: SignalSource) -> bool:
+        """Does a value stay until the next stamp? A bag made of a table says which signals were measured at theirs."""
+        return source.held and source.signal not in self.bag.metadata.get(SESSION, {}).get(AT_STAMPS, "").split()
 
     def _missing(self, signal: str) -> bool:
         return any(signal not in joint.columns for joint in self.found.values())
@@ -331,13 +354,15 @@ class Collector:
         if alignment.spacing > 1.5 and not slow:
             rate = 1.0 / (alignment.spacing * alignment.base.period)
             joint.notes.append(f"{signal}: recorded at {rate:.4g} Hz and interpolated; nothing faster is in it")
-        column = alignment.slow_column(values) if slow else alignment.column(values, source.held)
+        column = alignment.slow_column(values) if slow else alignment.column(values, self._held(source))
         if not np.isfinite(column).any():
             joint.notes.append(f"{signal}: {topic} has no samples in the time of the others")
             return
         if source.acts_later:
             joint.notes.append(f"{signal}: from {topic}, moved {source.acts_later} sample later, when it acts")
-        if not source.held and signal == "motor_torque":
+        averaged = signal == "motor_torque" and not self._held(source)
+        joint.grains[signal] = grain_of(values, averaged and self.factor == 1)
+        if averaged:
             column = held_from_measured(column)
         joint.columns[signal] = column if self.factor == 1 else decimate(column, self.factor, signal == "motor_torque")
         joint.sources[signal] = topic

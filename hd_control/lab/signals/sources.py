@@ -20,6 +20,8 @@ from hd_control.core.topics import TOPICS, signal_places
 from hd_control.lab.signals.joint_signals import SIGNALS
 
 DEGREE = np.pi / 180.0
+AT_STAMPS = "measured_at_stamps"
+"""Key of a bag's session record: the signals in it, by name, that were measured at their stamps and are not held."""
 UNITS: dict[str, dict[str, tuple[float, float]]] = {
     "angle": {"rad": (1.0, 0.0), "mrad": (1e-3, 0.0), "deg": (DEGREE, 0.0), "turn": (2.0 * np.pi, 0.0)},
     "torque": {
