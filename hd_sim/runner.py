@@ -138,8 +138,12 @@ class Runner:
 
     def run_on(self, ticks: int) -> None:
         """Runs some ticks at once, compiled: the same bits as `step`, black boxes and fault books included."""
-        sequence = self._sequence()
         end = self.tick + ticks
+        if self.torque.plug_in is not None:  # a law in Python has no compiled list
+            while self.tick < end:
+                self.step()
+            return
+        sequence = self._sequence()
         while self.tick < end:
             self.tick += sequence.run(self.tick, min(LOOK_TICKS, end - self.tick))
             self.world.black_box.look()
@@ -148,8 +152,11 @@ class Runner:
     def record(self, goals: Mapping[int, Goal], ticks: int) -> RunRows:
         """Runs from tick 0 to `ticks` or to a stop, compiled, and keeps what a comparison needs.
 
-        `goals` by the tick at which they are offered. Raises GoalError if the robot refuses one.
+        `goals` by the tick at which they are offered. Raises GoalError if the robot refuses one, ConfigError for a law
+        in Python.
         """
+        if self.torque.plug_in is not None:
+            raise ConfigError("plug_in: a law in Python runs step by step only, use run")
         rows = np.full((3, ticks, self.robot.joints), np.nan)
         state = self.torque.native.state
         states = np.full((ticks, state.size), np.nan)

@@ -43,7 +43,7 @@ def chain_stages(robot: Robot, period: float, values: Values, limits: SafetyLimi
     found = ChainStages(
         FusionStage(robot, period, limits),
         MotionStage(robot, period, values["motion_node"]["goal_blend_time"]),
-        TorqueStage(robot, period, torque.selected_joints(values["torque_node"]), limits),
+        torque_stage(robot, period, values["torque_node"], limits),
     )
     for node, stage in found.by_node():
         stage.adopt(stage.prepare(values[node]))
@@ -51,6 +51,11 @@ def chain_stages(robot: Robot, period: float, values: Values, limits: SafetyLimi
     for numbers, columns in found.fusion.signals():
         found.torque.watch(robot.joint_names, numbers, columns)
     return found
+
+
+def torque_stage(robot: Robot, period: float, values: Mapping[str, Any], limits: SafetyLimits) -> TorqueStage:
+    """The stage of the joints and the law that the values of a torque node name. Raises ConfigError."""
+    return TorqueStage(robot, period, torque.selected_joints(values), limits, values.get("plug_in", ""))
 
 
 # ---- Parameters that every node has, and shipped values --------------------------------------------

@@ -17,6 +17,7 @@ from hd_control.core.blocks import Block
 from hd_control.core.faults import FaultCode
 from hd_control.core.robot import Robot
 from hd_control.laws import torque
+from hd_control.laws.plug_ins import command_of, law_named
 from hd_control.safety.guard import Guard, envelope, refusals
 from hd_control.safety.limits import SafetyLimits
 
@@ -24,10 +25,17 @@ _KINDS = {"TorqueParams": 0, "ManifoldParams": 1, "FeedbackParams": 2}
 
 
 class TorqueStage(Stage):
-    """Torque law and guard. What is no finite number becomes a stop in the guard, whatever the law is."""
+    """Torque law and guard. What is no finite number becomes a stop in the guard, whatever the law is.
 
-    def __init__(self, robot: Robot, dt: float, joint_names: Sequence[str], limits: SafetyLimits) -> None:
+    `plug_in` names a law in Python that gives the command in place of the compiled one (`laws/plug_ins.py`). Raises
+    ConfigError if there is none.
+    """
+
+    def __init__(
+        self, robot: Robot, dt: float, joint_names: Sequence[str], limits: SafetyLimits, plug_in: str = ""
+    ) -> None:
         super().__init__(TORQUE, torque, robot, dt, joint_names)
+        self.plug_in = law_named(plug_in, self.joint_names, dt) if plug_in else None
         self.limits = limits
         rows = robot.indices(self.joint_names)
         self._bounds = robot.position_low[rows], robot.position_high[rows], robot.velocity_limit[rows]
@@ -97,6 +105,8 @@ class TorqueStage(Stage):
             self._make(self._offered)
             self.native.offer(self._offered.array)
         super().start()
+        if self.plug_in is not None:
+            self.plug_in.start()
 
     def read(self, bus: Bus, tick: int) -> None:
         super().read(bus, tick)
@@ -111,9 +121,24 @@ class TorqueStage(Stage):
         return [(position, self.sample.view("joint_position")), (velocity, None)]
 
     def act(self, tick: int) -> None:
-        self.native.act(tick)
+        if self.plug_in is None:
+            self.native.act(tick)
+        else:
+            self.native.act_with(tick, self._command_of_plug_in())
         if self.native.ring.stops:
             self.black_box.look()
+
+    def step_capsule(self) -> Any:
+        return self.native.step_capsule() if self.plug_in is None else self.act
+
+    def _command_of_plug_in(self) -> FloatArray | None:
+        """None after an exception: the guard stops."""
+        assert self.plug_in is not None and self.reference is not None
+        try:
+            return command_of(self.plug_in, self.sample, self.reference)
+        except Exception as error:  # F33: whatever a law in Python does
+            self.emergency(error)
+            return None
 
     @property
     def gate_state(self) -> Block:
@@ -166,7 +191,9 @@ class TorqueStage(Stage):
             "mode": self.mode,
             **self.faults.values(self.joint_names),
         }
-        state = self.state
+        if self.plug_in is not None:
+            values["plug_in"] = f"{type(self.plug_in).__name__}: a law in Python, not real time"
+        state = self.state if self.plug_in is None else None
         for name in torque.ESTIMATES if state is not None else ():
             if state is not None and name in state.layout.slices:
                 values[name] = " ".join(f"{number:.6g}" for number in state.view(name))

@@ -146,6 +146,12 @@ PARAMETERS = ParameterSet(
     (
         JOINT_NAMES,
         Parameter("joints", "joints to control; none named: all", kind=str, shape=Shape.LIST, change=Change.FIXED),
+        Parameter(
+            "plug_in",
+            "law in Python in place of `law`, by its name in the entry-point group hd_control.laws; empty: none",
+            kind=str,
+            change=Change.FIXED,
+        ),
         *parameters_of(FIELDS, ALLOWED, _MORE, live=_laws.LIVE["TorqueParams"]),
         # Of no field of this law: a factor on three gains, and what its rules compare with.
         Parameter(

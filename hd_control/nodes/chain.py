@@ -11,11 +11,10 @@ from typing import Any
 
 from hd_control import _chain, _plane
 from hd_control.chain.black_box import BlackBox
-from hd_control.chain.chain import CHAIN_PARTS
+from hd_control.chain.chain import CHAIN_PARTS, torque_stage
 from hd_control.chain.fusion_stage import FusionStage
 from hd_control.chain.motion_stage import MotionStage
 from hd_control.chain.stage import Stage
-from hd_control.chain.torque_stage import TorqueStage
 from hd_control.core.parameters import Change, Parameter, ParameterSet
 from hd_control.laws import fusion, motion, torque
 from hd_control.nodes.goals import GoalService, serve_trajectory_action
@@ -56,9 +55,10 @@ class ChainNode(StageShell):
         return {"": self.torque.black_box}
 
     def make_stages(self, values: Mapping[str, Any]) -> list[Stage]:
-        names = torque.selected_joints(own_values(values, "torque"))
+        own = own_values(values, "torque")
+        names = torque.selected_joints(own)
         self.motion = MotionStage(self.robot, self.dt, values["motion.goal_blend_time"])
-        self.torque = TorqueStage(self.robot, self.dt, names, safety_limits(values["limits"], names, self.dt))
+        self.torque = torque_stage(self.robot, self.dt, own, safety_limits(values["limits"], names, self.dt))
         limits = safety_limits(values["limits"], self.robot.joint_names, self.dt)
         fusion_stage = FusionStage(self.robot, self.dt, limits)
         for numbers, columns in fusion_stage.signals():

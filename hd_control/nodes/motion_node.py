@@ -17,7 +17,7 @@ from hd_control.laws import motion
 from hd_control.nodes.goals import GoalService, serve_trajectory_action
 from hd_control.nodes.process import run_node
 from hd_control.nodes.stage_shell import StageShell
-from hd_control.nodes.stop_services import ModeInput, serve_reset
+from hd_control.nodes.stop_services import ModeInput, follow_drives, serve_reset
 
 
 class MotionNode(StageShell):
@@ -27,6 +27,7 @@ class MotionNode(StageShell):
         super().__init__("motion_node", motion.PARAMETERS)
         self.goals = GoalService(self, self.motion, lambda: self.values)
         self.modes = ModeInput(self, self.motion)
+        follow_drives(self, self.motion)
         self.action = serve_trajectory_action(self, self.goals, self.motion)
         serve_reset(self, lambda: self.motion)
 

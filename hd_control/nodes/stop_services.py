@@ -158,7 +158,7 @@ class ModePublisher:
 
 
 class ModeInput:
-    """Keeps the worst mode of all torque nodes, and the state of the drives, where the motion law looks."""
+    """Keeps the worst mode of all torque nodes where the motion law looks."""
 
     def __init__(self, node: Shell, stage: MotionStage) -> None:
         self._stage = stage
@@ -166,7 +166,6 @@ class ModeInput:
         latched = DurabilityPolicy.TRANSIENT_LOCAL
         qos = QoSProfile(depth=NODES, reliability=ReliabilityPolicy.RELIABLE, durability=latched)
         node.create_subscription(String, topics.MODE, self._take, qos)
-        follow_drives(node, stage)
 
     def _take(self, message: String) -> None:
         name, _, mode = message.data.partition(" ")

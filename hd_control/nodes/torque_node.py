@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import Any
 
 from hd_control import _plane
+from hd_control.chain.chain import torque_stage
 from hd_control.chain.stage import Stage
-from hd_control.chain.torque_stage import TorqueStage
 from hd_control.core.parameters import ParameterSet
 from hd_control.laws import torque
 from hd_control.nodes.process import run_node
@@ -35,7 +35,7 @@ class TorqueNode(StageShell):
 
     def make_stages(self, values: Any) -> list[Stage]:
         names = torque.selected_joints(values)
-        self.torque = TorqueStage(self.robot, self.dt, names, safety_limits(values["limits"], names, self.dt))
+        self.torque = torque_stage(self.robot, self.dt, values, safety_limits(values["limits"], names, self.dt))
         return [self.torque]
 
     def after_stages(self, plane: _plane.Loop, program: _plane.Program) -> None:
