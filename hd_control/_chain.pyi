@@ -114,6 +114,8 @@ class TorqueTick(_Tick):
     lost: float
     warm: int
     railed: _Array
+    disobeyed: _Array
+    compares_applied: bool
     failed: bool
     reset_asked: bool
     resets: int

@@ -7,8 +7,9 @@ Tick k: the newest command, normally that of tick k-1, is latched for [k, k+1), 
 interval is integrated. A joint whose command is missing holds its last one; at the age limit every joint stops: the
 guard of the drive side holds and damps with the motor's own encoder while the brakes close, then torque ramps to zero.
 A controller that has let go (torque exactly zero while the joint moves) gets the brakes, too. The brake is closed at
-the start. The gate opens after a run of commands that came in time; the brake opens once the commanded torque leaves
-the gate unlimited, that is, when it carries the arm.
+the start. The gate opens after a run of commands that came in time and from one source; the brake opens once the
+commanded torque leaves the gate unlimited and is as large as what the gauges show that the gears carry. A joint that
+moves in the first 50 ms after that gets the brakes back.
 """
 
 from __future__ import annotations
@@ -90,6 +91,15 @@ class DriveSide:
     def ahead(self) -> int:
         """Commands of ticks that were still to come and were dropped."""
         return int(self.native.ahead)
+
+    @property
+    def stands(self) -> bool:
+        """May another source of commands take over? While stopped, or before arming if the one before is silent."""
+        return bool(self.native.stands)
+
+    def stranger(self) -> None:
+        """Another source sends commands, too: the drives are not armed for a second."""
+        self.native.stranger()
 
     def offer(self, joints: Sequence[int] | slice, torque: FloatArray, tick: int) -> None:
         """Takes a command for all joints (a slice) or some; one that is not newer, or ahead, is dropped."""

@@ -88,6 +88,7 @@ class World:
         seam = self.seam
         values: dict[str, Any] = {"late": seam.late, "stale": seam.stale, "ahead": seam.ahead}
         values |= {
+            "strangers": seam.native.strangers,
             "gate_stopped": seam.stopped,
             "armed": seam.armed,
             "healthy_commands": seam.healthy,

@@ -322,6 +322,7 @@ def replay(
     bounds = safety_limits(limits, bag.robot.joint_names, bag.period)
     chain = chain_stages(bag.robot, bag.period, values, bounds)
     stages = chain.by_node()
+    chain.torque.native.compares_applied = False  # the recorded drive has obeyed the recorded commands
     made = {name: {f: np.full_like(bag.topics[topics.ENCODER]["position"], np.nan) for f in topics.fields(name)}
             for name in OUTPUTS}  # fmt: skip
     places: dict[str, Any] = {node: bag.robot.indices(stage.joint_names) for node, stage in stages}

@@ -62,6 +62,9 @@ class FaultCode(enum.IntEnum):
     OVERSPEED = 43
     STAMP_AHEAD = 44
     TEMPERATURE_BAD = 45
+    BRAKE_HELD = 46
+    SLIPPED = 47
+    NOT_OBEYED = 48
 
     @property
     def number(self) -> str:
@@ -158,6 +161,18 @@ KINDS: dict[FaultCode, FaultKind] = {
     ),
     FaultCode.TEMPERATURE_BAD: FaultKind(
         "motor temperature", "too far from", "degC", "Check the temperature sensor and who else publishes its topic"
+    ),
+    FaultCode.BRAKE_HELD: FaultKind(
+        "command minus torque of the gauge",
+        "outside +-",
+        "N m",
+        "Look at the command, or calibrate the gauge",
+    ),
+    FaultCode.SLIPPED: FaultKind(
+        "motion after the brake opened", "outside +-", "rad", "Look why the command does not hold the joint"
+    ),
+    FaultCode.NOT_OBEYED: FaultKind(
+        "torque of the drive", "against a command of", "N m", "Look who else commands the drive, or why it has stopped"
     ),
 }
 """The faults that compare a number with a limit."""

@@ -208,6 +208,8 @@ class MotionTick {
 
 constexpr int kWatchTicks = 10;                  // the adaptation is looked at every so many ticks
 constexpr int kWarmTicks = 50;                   // in a row since the activation before lateness is a fault
+constexpr int kSent = 16;                        // commands that are remembered
+constexpr double kObeyedShare = 0.05, kObeyedPart = 0.1;  // of the limit and of the torque: reported ones are that exact
 constexpr double kReferenceTolerance = 0.005;    // rad; a reference further from the joint refuses a reset
 
 enum class TorqueLaw { adaptive, manifold, feedback };
@@ -233,8 +235,10 @@ class TorqueTick {
           allowed(static_cast<std::size_t>(joints), 0.0),
           command(static_cast<std::size_t>(joints), 0.0),
           refusals(static_cast<std::size_t>(4 * (4 * joints + 4))),
+          disobeyed(static_cast<std::size_t>(joints), 0.0),
           railed(static_cast<std::size_t>(joints), 0.0),
           input_ticks(unseen_inputs),
+          sent_(static_cast<std::size_t>(kSent * joints), 0.0),
           unseen_(std::move(unseen_inputs)),
           ages_(static_cast<std::size_t>(joints), 0.0),
           ticks_(static_cast<std::size_t>(joints), 0.0),
@@ -263,6 +267,7 @@ class TorqueTick {
         }
         guard.deactivate();
         gate_open = false;
+        forget_sent();
         std::fill(adaptation.begin(), adaptation.end(), 0.0);
         input_ticks = unseen_;
         warm = 0;
@@ -311,6 +316,8 @@ class TorqueTick {
     OwnRows rows;
     RowRing ring;
     std::vector<double> allowed, command, refusals;
+    std::vector<double> disobeyed;  // ticks in a row in which the drive applied what this law has not sent
+    bool compares_applied = true;   // a recording that is played again obeys nobody
     double degraded_samples = 0.0, lost = 0.0;
     std::int64_t tick = -1;
     bool has_state = false, gate_open = false;
@@ -333,10 +340,32 @@ class TorqueTick {
             warm = gap > 0.0 ? 0 : warm + 1, lost = 0.0;
         law_gauge_rail(in.joint_torque, railed.data(), guard.guard_limits, n, rows);
         if (law == TorqueLaw::adaptive && has_state && now % kWatchTicks == 0) watch(in);
+        if (compares_applied) obedience(in);
         if (rows.count > 0 && rows.strongest() >= kDegrade)
             degraded_samples = guard.guard_limits.recover_samples[0];
         else if (degraded_samples > 0.0)
             degraded_samples -= 1.0;
+    }
+
+    // F48: a drive that has let go reports zero; one that obeys reports one of our last commands. Anything else is the
+    // command of somebody else, or a stop of the drive side.
+    void obedience(const TorqueSample& in) {
+        for (int j = 0; j < n; ++j) {
+            const double u = in.motor_torque[j], limit = guard.limits.torque_limit[j];
+            bool ours = u == 0.0 || !std::isfinite(u);
+            for (int i = 0; i < kSent; ++i)
+                ours |= std::fabs(u - sent_[static_cast<std::size_t>(i * n + j)]) <=
+                        kObeyedShare * limit + kObeyedPart * std::fabs(u);
+            double& run = disobeyed[static_cast<std::size_t>(j)];
+            run = ours ? 0.0 : run + 1.0;
+            if (run >= guard.limits.age_limit[0]) rows.add(kNotObeyed, j, u, allowed[static_cast<std::size_t>(j)], kDegrade);
+        }
+    }
+
+    void forget_sent() {
+        std::fill(sent_.begin(), sent_.end(), 0.0);
+        std::fill(disobeyed.begin(), disobeyed.end(), 0.0);
+        sends_ = 0;
     }
 
     void watch(const TorqueSample& in) {
@@ -448,6 +477,8 @@ class TorqueTick {
         std::copy(in.joint_velocity, in.joint_velocity + n, guard.seen.joint_velocity);
         if (reset_asked.load(std::memory_order_acquire)) answer_reset();
         guard.step(wanted, ages_.data(), ticks_.data(), allowed.data(), rows);
+        std::copy(allowed.begin(), allowed.end(), sent_.begin() + static_cast<std::ptrdiff_t>(sends_ * n));
+        sends_ = (sends_ + 1) % kSent;
         if (rows.count > 0) table.note(rows, static_cast<double>(now));
     }
 
@@ -511,7 +542,8 @@ class TorqueTick {
     std::vector<double> input_ticks;
 
   private:
-    std::vector<double> unseen_, ages_, ticks_, kept_;
+    std::vector<double> sent_, unseen_, ages_, ticks_, kept_;
+    int sends_ = 0;
 };
 
 }  // namespace hd

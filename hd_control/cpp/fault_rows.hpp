@@ -34,9 +34,12 @@ enum Code {
     kStopLeft = 42,
     kOverspeed = 43,
     kStampAhead = 44,
-    kTemperatureBad = 45
+    kTemperatureBad = 45,
+    kBrakeHeld = 46,
+    kSlipped = 47,
+    kNotObeyed = 48
 };
-constexpr int kCodes = 48;
+constexpr int kCodes = 64;
 enum Action { kRefuse = 0, kReport = 1, kDegrade = 2, kControlledStop = 3, kTorqueRamp = 4 };
 constexpr int kFaultFields = 5;  // code, joint (-1: none), value, limit, action
 

@@ -55,6 +55,7 @@ namespace hd {
     FIELD(motor_temperature_low, 0, "degC", "a lower motor temperature is no reading", between(-273.15, 100.0))       \
     FIELD(motor_temperature_high, 0, "degC", "a higher motor temperature is no reading", between(0.0, 1000.0))        \
     FIELD(motor_temperature_rate, 0, "K/s", "fastest change of a motor temperature", above(0.0))                      \
+    FIELD(carry_tolerance, 1, "N m", "a brake opens while the gauge is this near to the command", above(0.0))        \
     FIELD(stop_deceleration, 1, "rad/s^2", "of a controlled stop", above(0.0))                                        \
     FIELD(stop_damping, 1, "N m s/rad", "of a controlled stop, on the motor side", above(0.0))                        \
     FIELD(stop_stiffness, 1, "N m/rad", "of the hold after a controlled stop, on the motor side", above(0.0))         \

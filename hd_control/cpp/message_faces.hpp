@@ -227,6 +227,7 @@ void bind_commands(py::module_& m) {
             "stands", [](TableFace& self) { return self.get().stands; },
             [](TableFace& self, bool stands) { self.get().stands = stands; })
         .def_property_readonly("stale", [](TableFace& self) { return self.get().stale; })
+        .def_property_readonly("strangers", [](TableFace& self) { return self.get().strangers; })
         .def("commands_capsule", [](const py::object& self) {
             hd::CommandTable& table = self.cast<TableFace&>().get();
             return hd::owned_capsule(table.commands(), hd::kCommandsCapsule, self);

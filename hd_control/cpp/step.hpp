@@ -23,6 +23,7 @@ struct Commands {
     bool (*offer)(void* context, const int* joints, int count, const double* torque, std::int64_t tick) = nullptr;
     std::int64_t (*tick_of)(void* context, int joint) = nullptr;  // of the command held; -1: never one
     bool (*stands)(void* context) = nullptr;                      // may another publisher take over now?
+    void (*stranger)(void* context) = nullptr;                    // a command of another publisher was seen
 };
 
 constexpr const char* kCommandsCapsule = "hd.commands";

@@ -35,11 +35,12 @@ struct CommandTable {
     std::vector<double> torque;      // N m
     std::vector<std::int64_t> tick;  // -1: never
     std::int64_t stale = 0;          // commands that were not newer
+    std::int64_t strangers = 0;      // commands of another publisher
     bool stands = false;             // another publisher may take over
 
     Commands commands() {
         return {this, &offer, [](void* table, int joint) { return of(table).tick[static_cast<std::size_t>(joint)]; },
-                [](void* table) { return of(table).stands; }};
+                [](void* table) { return of(table).stands; }, [](void* table) { ++of(table).strangers; }};
     }
 
   private:
@@ -61,7 +62,7 @@ struct CommandTable {
 };
 
 // Commands from one publisher or several, merged by joint name. The first publisher of a joint is bound by its run id;
-// another one is foreign. A bound publisher is replaced only while the robot stands.
+// another one is foreign, which the drive side hears of. A bound publisher is replaced only while the robot stands.
 class CommandInput {
   public:
     CommandInput(std::vector<std::string> joints, std::int64_t dt_ns, Commands commands,
@@ -70,7 +71,9 @@ class CommandInput {
 
     void offer(std::string_view data) {
         Source* source = find(data);
-        if (source == nullptr) Statistics::add(foreign_, 1);
+        if (source != nullptr) return;
+        Statistics::add(foreign_, 1);
+        if (commands_.stranger != nullptr) commands_.stranger(commands_.context);
     }
     void release() { sources_.clear(); }
 

@@ -22,6 +22,10 @@ constexpr std::int64_t kNever = -1;
 constexpr int kArmingSamples = 100;       // healthy commands in a row before the drives obey
 constexpr double kLetGoSamples = 3.0;     // commands of exactly zero in a row for a moving joint that close the brakes
 constexpr double kMovingSpeed = 0.05;     // rad/s; above what the quantisation of a 16-bit joint sensor looks like
+constexpr double kSlipTime = 0.05;        // s after a brake opened in which no joint may move by
+constexpr double kSlipDistance = 1e-3;    // rad
+constexpr int kCarryPatience = 100;       // samples in which a command may come to carry the arm
+constexpr int kStrangerSamples = 1000;    // after a command of another source the drives are not armed
 constexpr double kVelocityWeight = 0.18;  // share of a new difference: a low-pass of 200 rad/s at 1 kHz
 
 enum DriveState { kConnecting = 0, kWarming = 1, kArmed = 2, kStopped = 3 };
@@ -51,6 +55,8 @@ class DriveSide {
           world_(world),
           gear_ratio_(gear_ratio, gear_ratio + joints),
           rate_(kVelocityWeight / period),
+          slip_samples_(static_cast<int>(std::nearbyint(kSlipTime / period))),
+          opened_at_(command),
           zero_run_(command),
           ages_(command),
           no_age_(command),
@@ -98,6 +104,14 @@ class DriveSide {
     }
     bool complete(std::int64_t tick) const { return oldest >= tick; }
 
+    // Somebody else sends commands, too: whose are right is not known, so the drives are not armed now.
+    void stranger() {
+        ++strangers;
+        stranger_left_ = kStrangerSamples;
+    }
+    // May another source take over? While the robot is stopped, or before it was armed if the one before is silent.
+    bool stands() const { return guard.stopped() || (!open && now_ - newest > kArmingSamples); }
+
     // Gives the drives their torque for [tick, tick + 1); findings of the guard are `rows`.
     void latch(std::int64_t tick) {
         rows.count = 0;
@@ -111,6 +125,7 @@ class DriveSide {
             late += open ? 1 : 0;
         }
         std::fill(ticks_.begin(), ticks_.end(), static_cast<double>(tick));
+        if (slip_left_ > 0) slip();
         if (open && std::any_of(command.begin(), command.end(), [](double u) { return u == 0.0; })) let_go();
         guard.step(command.data(), ages, ticks_.data(), applied.data(), rows);
         if (brake_closed || rows.count > 0) move_brake();
@@ -178,7 +193,7 @@ class DriveSide {
     std::vector<std::int64_t> command_tick;
     std::int64_t oldest = kNever, newest = kNever;
     bool open = false, brake_closed = true;
-    long late = 0, stale = 0, ahead = 0;
+    long late = 0, stale = 0, ahead = 0, strangers = 0;
     int healthy = 0;
     std::atomic<bool> reset_asked{false};
     std::atomic<int> resets{0};
@@ -201,7 +216,8 @@ class DriveSide {
 
     // Opens after `kArmingSamples` ticks in a row with a command that was at most one sample late.
     void arm(std::int64_t tick) {
-        healthy = oldest > kNever && oldest >= tick - 2 ? healthy + 1 : 0;
+        healthy = oldest > kNever && oldest >= tick - 2 && stranger_left_ == 0 ? healthy + 1 : 0;
+        if (stranger_left_ > 0) --stranger_left_;
         if (healthy < kArmingSamples) return;
         guard.activate(no_age_.data());
         open = true;
@@ -218,12 +234,43 @@ class DriveSide {
         }
     }
 
+    // The brakes open for a command that leaves the guard as it came and carries what the gauges show the gears carry.
     void move_brake() {
-        const bool carried = open && std::equal(applied.begin(), applied.end(), command.begin());
+        const bool through = open && std::equal(applied.begin(), applied.end(), command.begin());
+        const bool carried = brake_closed && through && carries();
         const bool wanted = guard.stopped() || (brake_closed && !carried);
+        waiting_ = brake_closed && wanted && through && !guard.stopped() ? waiting_ + 1 : 0;
+        if (waiting_ >= kCarryPatience) report_load();
         if (wanted == brake_closed) return;
         brake_closed = wanted;
         world_.brake(wanted);
+        slip_left_ = wanted ? 0 : slip_samples_;
+        std::copy(positions.begin() + n, positions.end(), opened_at_.begin());
+    }
+
+    // N m of the command beyond what the gear of a joint carries.
+    double beyond(int j) const { return command[at(j)] - PlantSample(const_cast<double*>(readings.data()), n).gauge_torque[j]; }
+
+    bool carries() const {
+        bool found = sensed_;
+        for (int j = 0; j < n; ++j) found &= std::fabs(beyond(j)) <= guard.guard_limits.carry_tolerance[j];
+        return found;
+    }
+
+    void report_load() {
+        for (int j = 0; j < n; ++j) {
+            const double tolerance = guard.guard_limits.carry_tolerance[j];
+            if (!(std::fabs(beyond(j)) <= tolerance)) rows.add(hd::kBrakeHeld, j, beyond(j), tolerance, hd::kReport);
+        }
+    }
+
+    // A joint that moves as soon as its brake is open: its torque does not hold it.
+    void slip() {
+        --slip_left_;
+        for (int j = 0; j < n; ++j) {
+            const double moved = positions[at(n + j)] - opened_at_[at(j)];
+            if (!(std::fabs(moved) <= kSlipDistance)) rows.add(hd::kSlipped, j, moved, kSlipDistance, hd::kControlledStop);
+        }
     }
 
     void answer_reset() {
@@ -237,6 +284,8 @@ class DriveSide {
     World& world_;
     std::vector<double> gear_ratio_;
     double rate_;
+    int slip_samples_, slip_left_ = 0, waiting_ = 0, stranger_left_ = 0;
+    std::vector<double> opened_at_;  // rad, joints when the brakes opened
     std::vector<double> zero_run_, ages_, no_age_, ticks_, state_;
     std::size_t position_at_, velocity_at_;
     bool sensed_ = false;

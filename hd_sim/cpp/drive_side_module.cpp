@@ -78,7 +78,8 @@ py::capsule commands_capsule(const py::object& self) {
         [](void* side, int joint) {
             return static_cast<DriveSide*>(side)->command_tick[static_cast<std::size_t>(joint)];
         },
-        [](void* side) { return static_cast<DriveSide*>(side)->guard.stopped(); }};
+        [](void* side) { return static_cast<DriveSide*>(side)->stands(); },
+        [](void* side) { static_cast<DriveSide*>(side)->stranger(); }};
     return hd::owned_capsule(commands, hd::kCommandsCapsule, self);
 }
 
@@ -115,6 +116,9 @@ PYBIND11_MODULE(_drive_side, m) {
         .def_readonly("late", &DriveSide::late)
         .def_readonly("stale", &DriveSide::stale)
         .def_readonly("ahead", &DriveSide::ahead)
+        .def_readonly("strangers", &DriveSide::strangers)
+        .def_property_readonly("stands", &DriveSide::stands)
+        .def("stranger", &DriveSide::stranger)
         .def_readwrite("healthy", &DriveSide::healthy)
         .def_property("reset_asked", [](const DriveSide& s) { return s.reset_asked.load(); },
                       [](DriveSide& s, bool asked) { s.reset_asked.store(asked); })

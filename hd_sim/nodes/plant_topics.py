@@ -55,7 +55,7 @@ class PlantTopics:
         return self._node.create_subscription(kind, topic, lambda _: None, qos, callback_group=group, raw=True)
 
     def send_readings(self, turn: PlantTurn) -> None:
-        """Makes the lists of the turn anew: the readings of a tick, its clock, and now and then one temperature each."""
+        """Makes the lists of the turn anew: readings of a tick, its clock, and now and then one temperature each."""
         plane, arrays = turn.plane, sensor_arrays(turn.sensors)
         plane.send.clear(), plane.temperature.clear()
         for output in self._sensors:

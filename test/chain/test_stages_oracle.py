@@ -20,7 +20,7 @@ SENSORS = ("motor_shaft_position", "joint_position", "gauge_torque")
 INPUTS = {
     "fusion": SENSORS,
     "motion": ("joint_position", "joint_velocity"),
-    "torque": ("joint_position", "joint_velocity", "joint_torque", "motor_position", "motor_velocity"),
+    "torque": ("joint_position", "joint_velocity", "joint_torque", "motor_position", "motor_velocity", "motor_torque"),
 }
 AT_BOUND = {"torque_node": {"coulomb_torque_high": [21.6, 21.6, 21.6, 3.6, 2.88, 2.88, 3.6]}}
 """The estimate of Coulomb friction starts at its bound."""
@@ -67,6 +67,8 @@ class Spoiler:
             warm = stage.sample.motor_temperature
             j, choices = random.integers(warm.size), [np.nan, 1e4, -300.0, 150.0, warm[0] + 0.5, warm[0] - 3.0, np.inf]
             warm[j] = choices[random.integers(len(choices))]
+        if name == "torque" and random.random() < 0.003:  # the drive obeys somebody else for a while
+            self.runs[name, "motor_torque"] = 16, "rail", values
         if name == "torque" and random.random() < 5.0 * self.share[name]:
             odd_ticks = [np.nan, -1.0, tick - 1, tick - 9, tick - 10, tick + 1]
             stage.input_ticks[random.integers(4)] = random.choice(odd_ticks)
@@ -155,7 +157,7 @@ CALM = {"fusion": 0.0005, "motion": 0.0, "torque": 0.0002}
 WILD = {"fusion": 0.02, "motion": 0.002, "torque": 0.002}
 """Share of samples with an odd number, by stage."""
 OFTEN = {FaultCode.FRAME_LOST, FaultCode.NOT_FINITE, FaultCode.SPIKE, FaultCode.RATE_LIMITED, FaultCode.NODE_KILLED,
-         FaultCode.TEMPERATURE_BAD}  # fmt: skip
+         FaultCode.TEMPERATURE_BAD, FaultCode.NOT_OBEYED}  # fmt: skip
 """What a few lives cannot miss."""
 
 

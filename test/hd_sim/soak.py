@@ -21,7 +21,7 @@ from hd_control.record.writer import BagWriter
 from hd_sim.plant_config import PlantConfig
 from hd_sim.runner import Runner, RunSetup
 
-MOVE_TICKS = 4000
+MOVE_TICKS, FIRST_MOVE = 4000, 200  # the brakes open at tick 100
 AMPLITUDE, SPEED = 0.25, 0.4  # rad, rad/s
 DRAIN_TICKS = 10
 LOOKS = 100
@@ -60,7 +60,7 @@ def soak(bag: Path, ticks: int, seed: int, progress: Callable[[int], None] = lam
     gc.collect()
     gc.freeze()  # what was there before does not grow, and need not be looked through again and again
     for tick in range(ticks):
-        if tick % MOVE_TICKS == 1:
+        if tick % MOVE_TICKS == FIRST_MOVE:
             here, there = ends[tick // MOVE_TICKS % 2 - 1], ends[tick // MOVE_TICKS % 2]
             runner.offer(quintic_move(names, here, there, SPEED, f"move {tick}"))
         bus = runner.step()

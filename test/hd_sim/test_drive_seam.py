@@ -26,6 +26,7 @@ def _run(seam, first, last, command):
     for tick in range(first, last):
         torque, _ = seam.latch(tick)
         given.append(torque.copy())
+        seam.sample()
         seam.advance()
         if command is not None:
             seam.offer(slice(None), command, tick)

@@ -30,6 +30,9 @@ class Pair:
         self.side.offer(slice(None) if joints is None else joints, torque, tick)
         self.oracle.offer(joints, torque, tick)
 
+    def stranger(self):
+        self.side.stranger(), self.oracle.stranger()
+
     def push(self, torque):
         """A torque from outside on the links."""
         for each in (self.side, self.oracle):
@@ -53,9 +56,10 @@ class Pair:
               stop=(guard.stop.array, wanted.stop.array), measured=(guard.measured.array, wanted.measured.array),
               mean_torque=(guard.state.mean_torque, wanted.mean_torque), mode=(int(guard.mode), wanted.mode),
               faults=(side.native.rows, rows(oracle.found)),
-              state=([side.armed, side.brake_closed, side.healthy, side.late, side.stale, side.ahead, side.stopped],
+              state=([side.armed, side.brake_closed, side.healthy, side.late, side.stale, side.ahead, side.stopped,
+                      side.stands, side.native.strangers],
                      [oracle.open, oracle.brake_closed, oracle.healthy, oracle.late, oracle.stale, oracle.ahead,
-                      wanted.stopped]),
+                      wanted.stopped, oracle.stands, oracle.strangers]),
               complete=([side.complete(tick), side.complete(tick - 1)],
                         [oracle.complete(tick), oracle.complete(tick - 1)]))  # fmt: skip
         book = side.native.faults
@@ -117,6 +121,8 @@ def live(config, limits, seed):
         controller.careless = careless if k > ARMING_SAMPLES + 20 or seed % 4 == 3 else 0.0
         pair.tick(tick)
         controller.send(tick)
+        if random.random() < 0.0005:
+            pair.stranger()
         tick += 1 if random.random() > 0.002 else int(random.choice([0, 2, 12, -40]))
         if random.random() < 0.003:
             pair.push(random.normal(0.0, 300.0, pair.n) * (random.random() < 0.5))

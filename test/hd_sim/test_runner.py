@@ -102,7 +102,7 @@ def test_a_goal_before_the_first_tick_is_refused_and_a_far_one_too():
 
 def test_a_goal_without_a_start_tick_starts_with_the_next_tick():
     runner = Runner(RunSetup(PlantConfig.from_file("arm_a")))
-    runner.step()
+    runner.run_on(150)  # before that the brakes are closed
     goal = replace(_plan(runner, "coordinated").goals[0][1], start_tick=None)
     runner.offer(goal)
     for _ in range(400):

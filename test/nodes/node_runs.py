@@ -16,7 +16,7 @@ from hd_control.session.session import RunPlan, Session
 START = np.array([0.2, 0.5, -0.6, 1.0, -0.5, 0.4, 0.3])
 """Start position of the shipped plant arm_a, rad."""
 JOINTS = tuple(f"joint_{number}" for number in range(1, 8))
-PAUSE, GOAL_TICK, END = 40, 60, 400
+PAUSE, GOAL_TICK, END = 160, 180, 520  # the brakes open at tick 100
 
 
 def a_goal() -> Goal:
@@ -26,7 +26,7 @@ def a_goal() -> Goal:
 
 
 def run_with_goal(session: Session, end: int = END) -> None:
-    """To tick 40, a goal that starts at tick 60, then to the end; every run does the same at the same ticks."""
+    """To a pause, a goal that starts 20 ticks later, then to the end; every run does the same at the same ticks."""
     session.activate()
     session.wait_until_tick(PAUSE)
     session.send_goal(a_goal())

@@ -132,6 +132,7 @@ def test_f24_the_first_publisher_of_a_joint_stays_until_the_robot_has_stopped() 
     merged.offer(list(NAMES), 2, "two", [9.0] * 3)
     merged.offer(["b"], 2, "three", [9.0])
     assert merged.torque == [1.0] * 3 and merged.input.foreign == 2 and merged.input.unreadable == 0
+    assert merged.table.strangers == 2, "the drive side hears of each, and does not arm"
     merged.table.stands = True
     merged.offer(list(NAMES), 3, "two", [9.0] * 3)
     assert merged.torque == [9.0] * 3 and merged.ticks == [3] * 3

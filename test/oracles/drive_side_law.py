@@ -16,6 +16,12 @@ LET_GO_SAMPLES = 3
 """Commands of exactly zero in a row for a moving joint that close the brakes."""
 MOVING_SPEED = 0.05
 """rad/s; above what the quantisation of a 16-bit joint sensor looks like."""
+SLIP_TIME, SLIP_DISTANCE = 0.05, 1e-3
+"""s after a brake opened in which no joint may move by so many rad."""
+CARRY_PATIENCE = 100
+"""Samples in which a command may come to carry the arm, before it is reported."""
+STRANGER_SAMPLES = 1000
+"""Samples after a command of another source in which the drives are not armed."""
 VELOCITY_WEIGHT = 0.18
 """Share of a new difference in the velocity: a low-pass of 200 rad/s at 1 kHz."""
 
@@ -33,6 +39,8 @@ class DriveSide:
         self.zero_run, self.brake_closed, self.open = np.zeros(n), True, False
         self.healthy = self.late = self.stale = self.ahead = 0
         self.now, self.lead = NEVER, 0
+        self.gauge, self.waiting, self.slip_left, self.opened_at = np.zeros(n), 0, 0, np.zeros(n)
+        self.slip_samples, self.stranger_left, self.strangers = round(SLIP_TIME / period), 0, 0
         self.applied, self.found, self.faults = np.zeros(n), [], FaultLog()
         state = plant.state  # the brakes closed long ago: the arm rests on them until it is carried
         state.brake_request, state.brake_age = 1.0, plant.config.drives["brake_closing_time"]
@@ -55,6 +63,15 @@ class DriveSide:
         """True when every joint has its command of `tick`."""
         return bool((self.command_tick >= tick).all())
 
+    def stranger(self):
+        """Another source sends commands, too."""
+        self.strangers, self.stranger_left = self.strangers + 1, STRANGER_SAMPLES
+
+    @property
+    def stands(self):
+        """May another source take over?"""
+        return self.guard.stopped or (not self.open and self.now - self.newest > ARMING_SAMPLES)
+
     def latch(self, tick):
         """Gives the drives their torque for [tick, tick + 1)."""
         demands = []
@@ -64,7 +81,8 @@ class DriveSide:
             self.command_tick[:], self.newest = NEVER, NEVER
         self.now, self.lead, oldest = tick, 0, self.command_tick.min()
         if not self.open:
-            self.healthy = self.healthy + 1 if oldest > NEVER and oldest >= tick - 2 else 0
+            self.healthy = self.healthy + 1 if oldest > NEVER and oldest >= tick - 2 and not self.stranger_left else 0
+            self.stranger_left = max(0, self.stranger_left - 1)
             if self.healthy >= ARMING_SAMPLES:
                 self.guard.activate(np.zeros(self.command.size))
                 self.open = True
@@ -72,15 +90,46 @@ class DriveSide:
         if oldest < tick - 1:
             ages = (tick - 1.0) - self.command_tick
             self.late += int(self.open)
+        demands += self._slip()
         if self.open:
             demands += self._let_go()
         self.applied, self.found = self.guard.step(self.command, ages, np.full(self.command.size, float(tick)), demands)
-        carried = self.open and np.array_equal(self.applied, self.command)
+        self._move_brake()
+        self.plant.latch(self.applied)
+
+    def _move_brake(self):
+        """Opens for a command that leaves the guard as it came and is what the gears carry; closes for a stop."""
+        through = self.open and np.array_equal(self.applied, self.command)
+        tolerance, beyond = self.guard.limits.guard.carry_tolerance, self.command - self.gauge
+        near = np.abs(beyond) <= tolerance
+        carried = self.brake_closed and through and self.sensed and near.all()
         wanted = self.guard.stopped or (self.brake_closed and not carried)
+        held = self.brake_closed and wanted and through and not self.guard.stopped
+        self.waiting = self.waiting + 1 if held else 0
+        if self.waiting >= CARRY_PATIENCE:
+            self.found += [
+                Fault(FaultCode.BRAKE_HELD, j, float(beyond[j]), float(tolerance[j]), Action.REPORT)
+                for j in np.flatnonzero(~near)
+            ]
         if wanted != self.brake_closed:
             self.brake_closed = wanted
             self.plant.brake(wanted)
-        self.plant.latch(self.applied)
+            self.slip_left, self.opened_at = (
+                0 if wanted else self.slip_samples,
+                self.positions[self.command.size :].copy(),
+            )
+
+    def _slip(self):
+        """Joints that move as soon as their brake is open."""
+        if not self.slip_left:
+            return []
+        self.slip_left -= 1
+        moved = self.positions[self.command.size :] - self.opened_at
+        return [
+            Fault(FaultCode.SLIPPED, j, float(each), SLIP_DISTANCE, Action.CONTROLLED_STOP)
+            for j, each in enumerate(moved)
+            if not abs(each) <= SLIP_DISTANCE
+        ]
 
     def _let_go(self):
         """Joints that move although the controller asks for exactly no torque.
@@ -107,7 +156,7 @@ class DriveSide:
             self.velocities = self.velocities + (
                 (now - self.positions) * self.rate - VELOCITY_WEIGHT * self.velocities
             )  # fmt: skip
-        self.positions, self.sensed = now, True
+        self.positions, self.sensed, self.gauge = now, True, sample.gauge_torque.copy()
         seen.motor_position, seen.joint_position = now[:n], now[n:]
         seen.motor_velocity, seen.joint_velocity = self.velocities[:n], self.velocities[n:]
         return sample

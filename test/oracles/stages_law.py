@@ -21,6 +21,8 @@ LOST_TOLERANCE, REFERENCE_TOLERANCE = 0.05, 0.005
 """rad; a reference further from the joint loses its goal, refuses a reset."""
 SLOW_RATE, CHANGE_TIME = 0.25, 0.2
 """Share of the speed that a degraded robot may use; s to get there."""
+SENT, OBEYED_SHARE, OBEYED_PART = 16, 0.05, 0.1
+"""Commands that are remembered; reported torques are exact to these shares of the limit and of the torque."""
 EXCEPTION = Fault(FaultCode.EXCEPTION, -1, 1.0, 0.0, Action.TORQUE_RAMP)
 
 
@@ -350,6 +352,7 @@ class TorqueStage(Stage):
         self.adaptation, self.allowed = loop_monitors_law.initial(n), np.zeros(n)
         self.failed, self.faults, self.gate_open = False, FaultLog(), False
         self.input_ticks = np.full(4, -1.0)
+        self._forget_sent()
         self.reset_asked, self.resets, self.refused = False, 0, []
 
     def start(self):
@@ -360,6 +363,7 @@ class TorqueStage(Stage):
             self.state, self.params, self.taken = torque.restarted(kept), before, before
         self.guard.deactivate()
         self.gate_open, self.warm = False, 0
+        self._forget_sent()
         self.adaptation = loop_monitors_law.initial(self.sample.joints)
 
     @property
@@ -408,10 +412,25 @@ class TorqueStage(Stage):
                 WATCH_TICKS * self.dt,
             )  # fmt: skip
             found += more
+        found += self._obedience()
         if found and strongest(found) >= Action.DEGRADE:
             self.degraded_samples = int(self.limits.guard.recover_samples)
         elif self.degraded_samples > 0:
             self.degraded_samples -= 1
+        return found
+
+    def _forget_sent(self):
+        self.sent, self.disobeyed = [np.zeros(self.sample.joints)] * SENT, np.zeros(self.sample.joints)
+
+    def _obedience(self):
+        """The drive applies nothing, or one of the last commands, or what somebody else has sent."""
+        found, limits = [], self.limits.gate
+        for j, u in enumerate(self.sample.motor_torque.tolist()):
+            near = OBEYED_SHARE * float(limits.torque_limit[j]) + OBEYED_PART * abs(u)
+            ours = u == 0.0 or not np.isfinite(u) or any(abs(u - float(sent[j])) <= near for sent in self.sent)
+            self.disobeyed[j] = 0.0 if ours else self.disobeyed[j] + 1.0
+            if self.disobeyed[j] >= limits.age_limit:
+                found.append(Fault(FaultCode.NOT_OBEYED, j, u, float(self.allowed[j]), Action.DEGRADE))
         return found
 
     def _checked(self, command):
@@ -434,6 +453,7 @@ class TorqueStage(Stage):
             self._answer_reset()
         ages = np.full(n, self._input_age(float(tick)))
         self.allowed, self.found = self.guard.step(command, ages, np.full(n, float(tick)), demands)
+        self.sent = [*self.sent[1:], self.allowed.copy()]
         self.faults.note(self.found, tick)
 
     def _input_age(self, tick):
