@@ -6,9 +6,11 @@ import importlib.abc
 import importlib.util
 import os
 import random
+import signal
 import sys
 import sysconfig
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,8 @@ import pytest
 from hypothesis import settings
 
 SEED = int(os.environ.get("HD_SEED", "20240229"))
+LIVE_LIMIT = float(os.environ.get("HD_LIVE_LIMIT", "600"))
+"""s"""
 
 
 class Overlay(importlib.abc.MetaPathFinder):
@@ -61,6 +65,25 @@ def _seeded() -> None:
     """The global generators start equal in each test, whatever ran before it."""
     random.seed(SEED)
     np.random.seed(SEED % 2**32)  # noqa: NPY002 - only to pin code that still uses the global state
+
+
+@pytest.fixture(autouse=True)
+def _limited(request: pytest.FixtureRequest) -> Iterator[None]:
+    """A live test that waits for ever fails after `LIVE_LIMIT` s; what it has started is ended by its own clean-up."""
+    if request.node.get_closest_marker("process") is None:
+        yield
+        return
+
+    def give_up(number: int, frame: object) -> None:
+        raise TimeoutError(f"{request.node.nodeid}: longer than {LIVE_LIMIT} s")
+
+    before = signal.signal(signal.SIGALRM, give_up)
+    signal.setitimer(signal.ITIMER_REAL, LIVE_LIMIT)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
 
 
 @pytest.fixture

@@ -73,6 +73,12 @@ def _table(name: str, rows: Sequence[Sequence[float]], points: int, joints: int)
     return np.array(rows, dtype=float)
 
 
+def check_bytes(size: int) -> None:
+    """Raises GoalError `size` for a message of so many bytes: asked before it becomes numbers, which takes long."""
+    if size > MAX_BYTES:
+        raise refusal("size", "", f"{size} bytes > {MAX_BYTES}", "Send the motion in parts")
+
+
 def check_size(goal: Goal) -> None:
     """Raises GoalError `size`."""
     points = len(goal.times)
@@ -82,8 +88,7 @@ def check_size(goal: Goal) -> None:
         raise refusal("size", "", "no points", "Give at least one point")
     if points > MAX_POINTS:
         raise refusal("size", "", f"{points} points > {MAX_POINTS}", "Send the motion in parts")
-    if size > MAX_BYTES:
-        raise refusal("size", "", f"{size} bytes > {MAX_BYTES}", "Send the motion in parts")
+    check_bytes(size)
     if goal.times[-1] > MAX_DURATION:
         raise refusal("size", "", f"duration {goal.times[-1]:g} s > {MAX_DURATION:g} s", "Send the motion in parts")
 

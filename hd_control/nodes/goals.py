@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from rclpy.clock import Clock, ClockType
+from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
@@ -27,6 +28,7 @@ from hd_control.laws.goals import (
     GoalWatch,
     Outcome,
     Tolerances,
+    check_bytes,
     check_goal,
 )
 from hd_control.laws.trajectory import Goal, Path, braking_path, refusal
@@ -46,12 +48,15 @@ class GoalService:
         self._status = node.create_publisher(String, "~/goal_status", latched_qos())
         self._received = self.refused = 0
         self.last_refusal = ""
-        node.create_subscription(JointTrajectory, topics.GOAL, self._take, chain_qos(10))
+        node.create_subscription(JointTrajectory, topics.GOAL, self._take, chain_qos(10), raw=True)
 
-    def _take(self, message: JointTrajectory) -> None:
+    def _take(self, data: bytes) -> None:
         self._received += 1
-        name = message.header.frame_id or f"goal_{self._received}"
+        name = f"goal_{self._received}"
         try:
+            check_bytes(len(data))
+            message = deserialize_message(data, JointTrajectory)
+            name = message.header.frame_id or name
             text = self.offer(goal_from_message(message, self._node.dt_ns, name))
         except GoalError as error:
             text = self.last_refusal = f"refused {name} {error.code}: {error}"

@@ -96,10 +96,10 @@ class DriveSide {
         newest = std::max(newest, tick);
         return true;
     }
-    // What the drives do with commands now.
+    // What the drives do with commands now. Armed: they obey, and the brakes are open.
     int state() const {
         if (guard.stopped()) return kStopped;
-        if (open) return kArmed;
+        if (open && !brake_closed) return kArmed;
         return newest == kNever ? kConnecting : kWarming;
     }
     bool complete(std::int64_t tick) const { return oldest >= tick; }

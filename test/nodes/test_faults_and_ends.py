@@ -45,6 +45,9 @@ def test_f18_killed_torque_node_stops_the_plant_in_ten_ticks_and_latches(tmp_pat
         session.wait_until_tick(400)
         session.wait_for(lambda: session.diagnostics("plant_node").get("tick") == "400", 10.0, "the plant stands")
         assert session.diagnostics("plant_node")["gate_stopped"] == "True"
+        for change in ("deactivate", "activate"):
+            session.client.transition(["/arm/plant_node"], change, 30.0)
+        assert session.fresh_diagnostics("plant_node")["gate_stopped"] == "True", "a new activation is no reset"
         assert all(session.alive(node) for node in ("plant_node", "fusion_node", "motion_node"))
     codes = session.exit_codes
     assert codes.pop("torque_node") == -signal.SIGKILL

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from node_runs import JOINTS, PAUSE, a_goal, random_domain
+from node_runs import JOINTS, a_goal, random_domain
 
 from hd_control.core.errors import GoalError, HdError
 from hd_control.laws.trajectory import Goal
@@ -25,16 +25,18 @@ TERMS = (
     "saturation_torque",
 )
 pytestmark = pytest.mark.process
+EARLY = 40
+"""Tick before the drives obey."""
 
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Session]:
     plan = RunPlan(
-        lockstep=True, parameters={"plant_node": {"pause_at_tick": PAUSE}, "torque_node": {"introspection": True}}
+        lockstep=True, parameters={"plant_node": {"pause_at_tick": EARLY}, "torque_node": {"introspection": True}}
     )
     with Session(plan, random_domain(), tmp_path_factory.mktemp("logs")) as running:
         running.activate()
-        running.wait_until_tick(PAUSE)
+        running.wait_until_tick(EARLY)
         yield running
     assert set(running.exit_codes.values()) == {0}, running.exit_codes
 
@@ -67,7 +69,7 @@ def test_a_bad_change_is_refused_as_a_whole(session: Session, values: dict[str, 
 
 
 def test_a_goal_at_once_waits_for_the_drives_and_a_session_says_what_they_wait_for(session: Session) -> None:
-    assert session.tick() <= PAUSE, "the plant stands still before the drives obey"
+    assert session.tick() <= EARLY, "the plant stands still before the drives obey"
     goal = replace(a_goal(), start_tick=None, identifier="early")
     session.wait_for(lambda: session.client.drive_state == "WARMING", 10.0, "no state of the drives")
     session.wait_for(lambda: refusal(session, goal).startswith("refused early not_armed"), 10.0, "never refused for it")

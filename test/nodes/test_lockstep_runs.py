@@ -61,6 +61,14 @@ def test_the_goal_moves_the_arm(four_processes: Path) -> None:
     assert np.max(np.abs(measured[-1] - wanted[-1])) < 5e-3
 
 
+def test_temperatures_are_degrees_celsius_of_every_joint(four_processes: Path) -> None:
+    """Near the 22 degC of the room that the shipped drives stand in."""
+    with BagReader(four_processes) as reader:
+        warm = reader.columns("motor_temperature")
+    assert set(warm.names) == set(JOINTS) and len(warm) == len(JOINTS) * -(-END // 100)
+    assert np.all(np.abs(warm.values["temperature"] - 22.0) < 5.0)
+
+
 def test_commands_are_finite_and_complete(four_processes: Path) -> None:
     assert np.all(np.isfinite(command(four_processes)))
 

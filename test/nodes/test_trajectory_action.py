@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rclpy.serialization import serialize_message
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from hd_control.chain.chain import for_joints, shipped_values
@@ -73,6 +74,7 @@ class Bench:
         self.stage = MotionStage(ROBOT, DT, self.values["goal_blend_time"])
         self.stage.adopt(self.stage.prepare(self.values))
         self.active, self.dt_ns, self.robot, self.timers = True, 1_000_000, ROBOT, []
+        self.said: list[str] = []
         self.tick, self.error, self.server = 0, np.zeros(ROBOT.joints), {}
         service = GoalService(self, self.stage, lambda: self.values)  # type: ignore[arg-type] - a stand-in for the node
         self.action = TrajectoryAction(self, service, self.stage, Kind, self._make_server)
@@ -83,10 +85,10 @@ class Bench:
         self.server = callbacks
 
     def create_publisher(self, *_: object) -> SimpleNamespace:
-        return SimpleNamespace(publish=lambda message: None)
+        return SimpleNamespace(publish=lambda message: self.said.append(message.data))
 
-    def create_subscription(self, *_: object) -> None:
-        pass
+    def create_subscription(self, *_: object, raw: bool) -> None:
+        assert raw, "what is too large is refused as bytes"
 
     def create_timer(self, period: float, callback, clock: object) -> None:
         self.timers.append(callback)
@@ -191,7 +193,7 @@ def test_a_goal_of_the_topic_ends_that_of_the_action():
     bench = Bench()
     handle = bench.send(Handle(move(0.1)))
     bench.run(100)
-    bench.action._service._take(move(0.12))
+    bench.action._service._take(serialize_message(move(0.12)))
     bench.run(100)
     assert handle.ends == ["abort"] and "replaced" in handle.result.error_string
 
@@ -224,3 +226,24 @@ def test_with_control_msgs_the_server_is_made(monkeypatch):
     monkeypatch.setattr(goals, "TrajectoryAction", lambda *given: made.append(given))
     serve_trajectory_action("node", "service", "stage")
     assert made[0][:4] == ("node", "service", "stage", Kind)
+
+
+def test_f22_a_goal_of_too_many_bytes_is_refused_before_it_is_read(monkeypatch):
+    """A million points took 838 MB and stalled the node until the arm stopped."""
+    bench, read = Bench(), []
+    monkeypatch.setattr(goals, "deserialize_message", lambda data, kind: read.append(len(data)) or move())
+    bench.action._service._take(bytes(4_000_001))
+    assert read == [] and bench.action._service.refused == 1
+    assert bench.said[-1].startswith("refused goal_1 size: HD-F22 goal_bad: 4000001 bytes > 4000000")
+    bench.action._service._take(bytes(4_000_000))
+    assert read == [4_000_000] and bench.said[-1].startswith("accepted")
+
+
+def test_a_goal_keeps_its_name_and_one_without_gets_a_number():
+    bench = Bench()
+    bench.action._service._take(serialize_message(move()))
+    assert bench.said[-1].startswith("accepted move start_tick")
+    nameless = move(1e3)
+    nameless.header.frame_id = ""
+    bench.action._service._take(serialize_message(nameless))
+    assert bench.said[-1].startswith("refused goal_2 ")

@@ -11,6 +11,7 @@ SIDE = "hd_sim/cpp/drive_side.hpp"
 T_GATE, T_GUARD = "test/safety/test_safety_gate.py", "test/safety/test_guard.py"
 T_SENSORS, T_LIMITS = "test/safety/test_sensor_monitors.py", "test/safety/test_sensor_limits.py"
 T_SIDE, T_FAULTS = "test/hd_sim/test_drive_seam.py", "test/hd_sim/test_fault_campaign.py"
+T_BRAKES = "test/hd_sim/test_brakes.py"
 T_MOTION, T_BOX = "test/chain/test_degraded.py", "test/chain/test_black_box.py"
 QUICK = ("S7", "S8", "S16")
 """Names of those that the quick lane tries as well."""
@@ -274,5 +275,110 @@ BUGS = [
         "partner + twist[j] : partner - twist[j];",
         "partner + twist[j] : positions[i] - twist[j];",
         T_SENSORS + " -k f03",
+    ),
+    (
+        "age of the inputs always zero",
+        TICK,
+        "std::fill(ages_.begin(), ages_.end(), input_age(static_cast<double>(now)));",
+        "std::fill(ages_.begin(), ages_.end(), 0.0);",
+        "test/chain/test_input_ages.py",
+    ),
+    (
+        "a start of the law clears the latch",
+        TICK,
+        "        guard.deactivate();\n        gate_open = false;\n",
+        "        guard.deactivate();\n        guard.gate.stopped[0] = 0.0;\n        gate_open = false;\n",
+        "test/chain/test_latched_stops.py",
+    ),
+    (
+        "commands of the future taken",
+        SIDE,
+        "        if (tick > now_) {",
+        "        if (false) {",
+        T_SIDE + " -k f44",
+    ),
+    (
+        "a wild stamp leaves the others behind",
+        "hd_control/cpp/message_join.hpp",
+        "        return far && !confirmed;",
+        "        return false;",
+        "test/nodes/test_loop_parts.py -k f44",
+    ),
+    (
+        "commands of another run id taken",
+        "hd_control/cpp/message_join.hpp",
+        "            return kForeign;",
+        "            input.run_id = std::string(run_id);",
+        "test/nodes/test_foreign_messages.py -k f24",
+    ),
+    (
+        "the drive side does not hear of a second source",
+        "hd_control/cpp/timed.hpp",
+        "        if (commands_.stranger != nullptr) commands_.stranger(commands_.context);\n",
+        "",
+        "test/nodes/test_foreign_messages.py -k f24",
+    ),
+    (
+        "armed while two sources send",
+        SIDE,
+        " && stranger_left_ == 0 ? healthy + 1 : 0;",
+        " ? healthy + 1 : 0;",
+        T_BRAKES + " -k another_source_of",
+    ),
+    (
+        "the brakes open for any torque",
+        SIDE,
+        "const bool carried = brake_closed && through && carries();",
+        "const bool carried = brake_closed && through;",
+        T_BRAKES + " -k f46",
+    ),
+    (
+        "motion after the brakes opened is not looked at",
+        SIDE,
+        "        if (slip_left_ > 0) slip();\n",
+        "",
+        T_BRAKES + " -k f47",
+    ),
+    (
+        "the drives' guard does not see speed",
+        SIDE,
+        "            guard.seen.joint_velocity[j] = velocities[at(n + j)];\n",
+        "            guard.seen.joint_velocity[j] = 0.0;\n",
+        T_SIDE + " test/hd_sim/test_drive_side_oracle.py",
+    ),
+    (
+        "temperatures straight into the gauge",
+        TICK,
+        "        watch.temperatures(in, dt, rows);\n",
+        "",
+        "test/safety/test_temperatures.py",
+    ),
+    (
+        "temperatures in kelvin",
+        "hd_sim/cpp/sensors.hpp",
+        "        out.motor_temperature[j] = s.temperature[0][j];\n",
+        "        out.motor_temperature[j] = s.temperature[0][j] + 273.15;\n",
+        "test/hd_sim/test_plant_signals.py -k temperature",
+    ),
+    (
+        "nobody looks whether the drive obeys",
+        TICK,
+        "        if (compares_applied) obedience(in);\n",
+        "",
+        "test/chain/test_obedience.py",
+    ),
+    (
+        "live values go anywhere",
+        "hd_control/core/parameters.py",
+        "            if not low <= item <= high:",
+        "            if False:",
+        "test/laws/test_live_reach.py -k 'legal or both_ends or small'",
+    ),
+    (
+        "huge goals are read before they are refused",
+        "hd_control/nodes/goals.py",
+        "            check_bytes(len(data))\n",
+        "",
+        "test/nodes/test_trajectory_action.py -k f22",
     ),
 ]

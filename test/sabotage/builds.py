@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-MODULES = ("hd_control._laws", "hd_control._chain", "hd_sim._drive_side")
+MODULES = ("hd_control._laws", "hd_control._chain", "hd_sim._drive_side", "hd_control._plane", "hd_sim._plant")
 """Those that the tests of the safety rules use."""
 SUFFIX, PYTHON = sysconfig.get_config_var("EXT_SUFFIX"), sysconfig.get_paths()["include"]
 FLAGS = ["-std=c++17", "-O1", "-fno-math-errno", "-ffp-contract=off", "-fvisibility=hidden", "-shared", "-fPIC"]

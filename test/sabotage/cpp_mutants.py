@@ -15,13 +15,17 @@ from functools import lru_cache
 from builds import ROOT
 
 SAFETY, GUARD, SENSORS = (f"hd_control/cpp/{name}.hpp" for name in ("safety", "guard", "sensor_watch"))
+SIDE = "hd_sim/cpp/drive_side.hpp"
 _GATE, _GUARD = "test/safety/test_safety_gate.py", "test/safety/test_guard.py"
 _LIMITS, _SENSORS = "test/safety/test_sensor_limits.py", "test/safety/test_sensor_monitors.py"
+_SIDE = ("test/hd_sim/test_drive_seam.py", "test/hd_sim/test_brakes.py", "test/hd_sim/test_drive_side_oracle.py")
+_TEMPERATURES = "test/safety/test_temperatures.py"
 _ORACLES = ("test/safety/test_guard_oracle.py", "test/chain/test_stages_oracle.py")
 HEADERS = {
     SAFETY: (_GATE, _GUARD, _LIMITS, _SENSORS, *_ORACLES),
     GUARD: (_GUARD, _GATE, *_ORACLES),
-    SENSORS: (_LIMITS, _SENSORS, _ORACLES[1]),
+    SENSORS: (_LIMITS, _SENSORS, _TEMPERATURES, _ORACLES[1]),
+    SIDE: _SIDE,
 }
 """Header -> files of its tests, in the order in which they are tried."""
 SWITCH = "hd_control/cpp/hd_mutant.hpp"
@@ -233,7 +237,7 @@ def _with_slots(header: str, slots: dict[tuple[int, int], list[tuple[str, str]]]
     text = _source(header).text
     order = sorted(slots, key=lambda slot: (slot[0], -slot[1]))
     body = _rendered(text, 0, len(text), order, slots)
-    body = re.sub(r"^constexpr double (?=.*hd_mutant)", "inline const double ", body, flags=re.MULTILINE)
+    body = re.sub(r"^constexpr (double|std::int64_t) (?=.*hd_mutant)", r"inline const \1 ", body, flags=re.MULTILINE)
     return body.replace("#pragma once", '#pragma once\n#include "hd_mutant.hpp"', 1)
 
 
