@@ -27,7 +27,7 @@ REASONS = {
     "hd_control.papers.zhu_checks": "one of three parts with the same face, `cases` and `rows`",
     "hd_control.record.compact": "needs the reading side, which a recording that is being written does not load",
     "hd_control.record.db3_source": "one file for each storage format, mcap_read is the other",
-    "hd_sim.puzzles.second": "puzzles of the other world; those of the first one are in draw and recordings",
+    "hd_sim.puzzles.real_like": "how recordings are spoilt, apart from who asks and who scores",
     "hd_sim.puzzles.arm_recordings": "pairs of a whole arm; those of one joint are in recordings",
 }
 """Module with exactly one importer, which stands in the same folder -> why it is not a part of it."""

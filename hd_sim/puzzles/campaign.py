@@ -20,6 +20,7 @@ from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import ConfigError, HdError
 from hd_control.core.workers import serve_only
 from hd_sim.puzzles.puzzle import REFUSED, score_joint
+from hd_sim.puzzles.real_like import REAL_LIKE, make_real_like_pair
 from hd_sim.puzzles.recordings import FIT_S, HELD_OUT_S, Pair, make_pair, set_up
 from hd_sim.puzzles.second import SECOND, make_second_pair, set_up_second
 from hd_sim.puzzles.tables import FAILED
@@ -61,7 +62,7 @@ def nominal_model(model: Mapping[str, Any]) -> Model:
 
 
 def recording(columns: Mapping[str, FloatArray], joint: str, period: float) -> Recording:
-    """The columns of a recording as the analysis reads them from a bag."""
+    """The columns of a recording, those that there are, as the analysis reads them from a bag."""
     from hd_control.lab.signals.joint_signals import JointSignals, Recording
 
     signals = JointSignals(
@@ -69,13 +70,13 @@ def recording(columns: Mapping[str, FloatArray], joint: str, period: float) -> R
         time=columns["time"],
         period=period,
         valid=np.ones(columns["time"].size, dtype=bool),
-        sources={name: name for name in COLUMNS},
-        motor_shaft_position=columns["motor_shaft_position"],
-        joint_position=columns["joint_position"],
-        gauge_torque=columns["gauge_torque"],
-        motor_torque=columns["motor_torque"],
-        temperature=columns["temperature"],
-        reference_position=columns["reference_position"],
+        sources={name: name for name in COLUMNS if name in columns},
+        motor_shaft_position=columns.get("motor_shaft_position"),
+        joint_position=columns.get("joint_position"),
+        gauge_torque=columns.get("gauge_torque"),
+        motor_torque=columns.get("motor_torque"),
+        temperature=columns.get("temperature"),
+        reference_position=columns.get("reference_position"),
     )
     return Recording("", "", {joint: signals})
 
@@ -146,7 +147,7 @@ def _held_out(question: Question, effects: Sequence[str]) -> float:
 
 SCHEMA = "hd.campaign/1"
 HOME, BOTH = "home", "both"
-WORLDS = (HOME, SECOND, BOTH)
+WORLDS = (HOME, SECOND, REAL_LIKE, BOTH)
 
 
 @dataclass(frozen=True)
@@ -201,7 +202,8 @@ def run_one(campaign: Campaign, seed: int, ask: Ask, oracle: Oracle | None = Non
     except HdError as error:
         answer = {"verdict": FAILED, "effects": [], "unknown": None, "experiments": [], "error": str(error)}
     seconds = time.process_time() - start
-    again = _after_experiment(pair, ask) if answer["verdict"] == REFUSED else None
+    asks_again = answer["verdict"] == REFUSED and pair.case.world != REAL_LIKE
+    again = _after_experiment(pair, ask) if asks_again else None
     known: Mapping[str, float | None] = {}
     visible = _joint_truth(pair).get("visibility") or {}
     if visible and pair.case.effects:
@@ -212,8 +214,9 @@ def run_one(campaign: Campaign, seed: int, ask: Ask, oracle: Oracle | None = Non
 
 
 def _pair(campaign: Campaign, seed: int) -> Pair:
-    if campaign.world_of(seed) == SECOND:
-        return make_second_pair(seed, campaign.kind)
+    world = campaign.world_of(seed)
+    if world != HOME:
+        return (make_second_pair if world == SECOND else make_real_like_pair)(seed, campaign.kind)
     return make_pair(seed, campaign.kind, campaign.judge)
 
 
@@ -250,7 +253,7 @@ def _record(
             "features": dict(case.features),
             "world": case.world,
             "visibility": _joint_truth(pair).get("visibility"),
-            "same_law": _joint_truth(pair).get("same_law", list(case.names)),
+            "same_law": _joint_truth(pair).get("same_law", [] if case.features else list(case.names)),
             "score": score_joint(answer, _joint_truth(pair), case.tolerated, case.neutral).to_dict(),
             "score_after_experiment": again,
             "answer": answer,

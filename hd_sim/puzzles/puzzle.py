@@ -12,7 +12,7 @@ from hd_control.core.errors import ConfigError
 from hd_control.core.files import write_whole
 from hd_sim.puzzles.arm_recordings import ArmPair, make_arm_pair
 from hd_sim.puzzles.draw import Case, Neutral, unknown_named
-from hd_sim.puzzles.recordings import record_pair, write_bag
+from hd_sim.puzzles.recordings import Pair, record_pair, write_bag
 from hd_sim.truth import open_seal, write_seal
 
 # ---- The score of one diagnosis against the sealed truth, from the plain JSON form (`hd.diagnosis/1`) ----
@@ -218,7 +218,11 @@ class Challenge:
 
 def make_challenge(folder: Path, case: Case) -> Challenge:
     """Writes bags of a random joint, seal and text into an existing folder. Raises BagError, ConfigError."""
-    pair = record_pair(case)
+    return write_challenge(folder, record_pair(case))
+
+
+def write_challenge(folder: Path, pair: Pair) -> Challenge:
+    """The same for a pair of either world."""
     name = str(pair.model["joint"])
     recordings = {FIT: pair.fit, HELD_OUT: pair.held_out}
     _write(folder, (name,), recordings, str(pair.model["robot"]), pair.period, pair.truth, "this joint")

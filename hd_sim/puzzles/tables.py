@@ -12,6 +12,8 @@ FAILED = "failed"
 """Verdict of a diagnosis that ended in an error."""
 CLEAR_GAIN = 200.0
 """nats that the true effect gains on data that were not used for its fit."""
+COVERED = "parameter inside its 95 % interval"
+COVERED_SAME = "parameter inside its 95 % interval, same law in world and library"
 CLEAR = f"oracle gain {CLEAR_GAIN:g} nats or more"
 Record = Mapping[str, Any]
 Answer = Callable[[Record], bool | None]
@@ -78,8 +80,10 @@ def make_table(records: Sequence[Record]) -> list[Row]:
 
 
 def _one_effect_rows(one: Sequence[Record]) -> list[Row]:
-    steps = [(f"one effect, {step}: top 1", _step(one, step)) for step in ("weak", "middle", "strong")]
-    clean = [(f"one effect, {s}: exact, nothing extra", _step(one, s)) for s in ("middle", "strong")]
+    steps = [
+        (f"one effect, {step}: top 1", _step(one, step)) for step in ("weak", "faint", "middle", "strong", "clear")
+    ]
+    clean = [(f"one effect, {s}: exact, nothing extra", _step(one, s)) for s in ("middle", "strong", "clear")]
     return [
         _share("one effect: top 1", one, _flag("top_1")),
         *(_share(name, found, _flag("top_1")) for name, found in steps),
@@ -131,14 +135,22 @@ def _quantile(name: str, values: Sequence[float], level: float, unit: str) -> Ro
     return Row(name, len(values), value=float(np.quantile(values, level)) if values else None, unit=unit)
 
 
-def _parameter_rows(records: Iterable[Record]) -> list[Row]:
+def _parameter_rows(records: Sequence[Record]) -> list[Row]:
     found = [p for r in records if r["category"] in ("one", "two") for p in r["score"]["parameters"]]
     errors = [100.0 * p["relative_error"] for p in found if np.isfinite(p["relative_error"])]
     covered = [{"covered": p["covered"]} for p in found]
+    same = [
+        {"covered": p["covered"]}
+        for r in records
+        if r["category"] in ("one", "two")
+        for p in r["score"]["parameters"]
+        if p["effect"] in r.get("same_law", r["names"])
+    ]
     return [
         _quantile("parameter error, median", errors, 0.5, "%"),
         _quantile("parameter error, 90 % quantile", errors, 0.9, "%"),
-        _share("parameter inside its 95 % interval", covered, lambda p: p["covered"]),
+        _share(COVERED, covered, lambda p: p["covered"]),
+        _share(COVERED_SAME, same, lambda p: p["covered"]),
     ]
 
 
@@ -210,3 +222,114 @@ def table_text(rows: Iterable[Row]) -> str:
             ends = f"{100 * (row.low or 0.0):.1f}–{100 * (row.high or 0.0):.1f} %"
             lines.append(f"| {row.name} | {row.hits}/{row.count} | {100 * row.share:.1f} % | {ends} |")
     return "\n".join(lines)
+
+
+# ---- Worlds side by side ---------------------------------------------------------------------------
+
+
+FAINT_STEPS, CLEAR_STEPS = ("weak", "faint"), ("strong", "clear")
+"""How clearly the hidden effect shows, in the words of either world."""
+TARGETS: Mapping[str, tuple[float, bool]] = {
+    "nothing missing: false alarm": (0.02, False),
+    "one effect: right first": (0.95, True),
+    "one effect: exact set": (0.90, True),
+    "two effects: both named": (0.90, True),
+    "two effects: exact set": (0.85, True),
+    "unknown: flagged": (0.95, True),
+    "unknown: right variable": (0.90, True),
+    COVERED: (0.90, True),
+    COVERED_SAME: (0.90, True),
+    "poor recording: wrong confident claim": (0.03, False),
+    "calibration error of the confidence": (0.05, False),
+    "one effect, barely visible: right first": (0.0, True),
+    "one effect, clear: right first": (0.0, True),
+}
+"""Figure -> what it should reach in the worse world, and whether more is better; 0: only compared with its like."""
+
+
+def headline_rows(records: Sequence[Record]) -> dict[str, Row]:
+    """The figures of `TARGETS` for one world; those without a case have the count 0."""
+    none, one, two, unknown, poor = (
+        [r for r in records if r["category"] == name] for name in ("none", "one", "two", "unknown", "poor")
+    )
+    good = [*none, *one, *two, *unknown]
+    faint, clear = ([r for r in one if r["step"] in steps] for steps in (FAINT_STEPS, CLEAR_STEPS))
+    rows = [
+        _share("nothing missing: false alarm", none, _flag("false_alarm")),
+        _share("one effect: right first", one, _flag("top_1")),
+        _share("one effect: exact set", one, _flag("exact")),
+        _share("two effects: both named", two, lambda r: not r["score"]["missed"]),
+        _share("two effects: exact set", two, _flag("exact")),
+        _share("unknown: flagged", unknown, _flag("unknown_flagged")),
+        _share("unknown: right variable", unknown, _flag("unknown_variable")),
+        *_parameter_rows(records)[2:],
+        _share("poor recording: wrong confident claim", poor, _flag("confident_wrong")),
+        *_confidence_rows(good)[1:],
+        _share("one effect, barely visible: right first", faint, _flag("top_1")),
+        _share("one effect, clear: right first", clear, _flag("top_1")),
+    ]
+    found = {row.name: row for row in rows}
+    return {name: found.get(name, Row(name, 0)) for name in TARGETS}
+
+
+def worse_world(name: str, rows: Mapping[str, Row]) -> str | None:
+    """Which of the worlds, given with their rows of one figure, has the worse value; None if none was measured."""
+    sizes = {world: row.value if row.share is None else row.share for world, row in rows.items()}
+    measured = {world: size for world, size in sizes.items() if size is not None}
+    if not measured:
+        return None
+    more_is_better = TARGETS[name][1]
+    return (min if more_is_better else max)(measured, key=lambda world: measured[world])
+
+
+def headline(records: Sequence[Record]) -> list[dict[str, Any]]:
+    """Per figure: `name`, `target`, `worlds` (world -> row in plain types), `worse` (the world that counts)."""
+    worlds = sorted({r.get("world", "home") for r in records})
+    tables = {world: headline_rows([r for r in records if r.get("world", "home") == world]) for world in worlds}
+    found = []
+    for name, (target, _) in TARGETS.items():
+        rows = {world: tables[world][name] for world in worlds}
+        plain = {world: row.to_dict() for world, row in rows.items()}
+        found.append({"name": name, "target": target or None, "worlds": plain, "worse": worse_world(name, rows)})
+    return found
+
+
+def headline_text(records: Sequence[Record]) -> str:
+    """The headline as a table for people, in Markdown: one column per world, exact intervals, the worse world."""
+    entries = headline(records)
+    worlds = list(entries[0]["worlds"])
+    lines = [f"| figure | {' | '.join(worlds)} | worse | target |", "|---" * (len(worlds) + 3) + "|"]
+    for entry in entries:
+        cells = [_cell(entry["worlds"][world]) for world in worlds]
+        sign = "≥" if TARGETS[entry["name"]][1] else "≤"
+        target = "–" if entry["target"] is None else f"{sign} {entry['target']:g}"
+        lines.append(f"| {entry['name']} | {' | '.join(cells)} | {entry['worse'] or '–'} | {target} |")
+    return "\n".join(lines)
+
+
+def _cell(row: Mapping[str, Any]) -> str:
+    if row["share"] is not None:
+        ends = f"{100 * (row['low'] or 0.0):.0f}–{100 * (row['high'] or 0.0):.0f}"
+        return f"{row['hits']}/{row['count']} = {100 * row['share']:.1f} % ({ends})"
+    return "–" if row["value"] is None else f"{row['value']:.3f} ({row['count']})"
+
+
+def _named_wrongly(record: Record) -> bool:
+    return bool(record["score"]["wrong"])
+
+
+def spoilt_rows(records: Sequence[Record]) -> list[Row]:
+    """Real-like recordings: shares with a false name, on perfect models and altogether, by what was spoilt."""
+    perfect = [r for r in records if r["category"] == "none"]
+    answered = [r for r in perfect if not r["score"]["refused"]]
+    rows = [
+        _share("perfect model: false names", perfect, _named_wrongly),
+        _share("perfect model, answered: false names", answered, _named_wrongly),
+        _share("perfect model: wrong confident claim", perfect, _flag("confident_wrong")),
+        _share("all: false names", records, _named_wrongly),
+    ]
+    for key in ("torque", "angle", "rate", "signals"):
+        for value in sorted({r["features"][key] for r in perfect}, key=str):
+            part = [r for r in perfect if r["features"][key] == value]
+            rows.append(_share(f"perfect model, {key} {value}: false names", part, _named_wrongly))
+    return [row for row in rows if row.count]

@@ -141,3 +141,30 @@ def test_an_arm_challenge_seals_every_joint(tmp_path, monkeypatch):
     assert main(["challenge", "new", "--arm", "--seed", "3", "-o", str(tmp_path / "arm"), "--quiet"]) == 0
     assert len(open_seal(tmp_path / "arm" / "truth.seal")["joints"]) == 7
     assert challenge.NAME == "challenge"
+
+
+def test_a_challenge_of_the_second_world(tmp_path, capsys):
+    path = tmp_path / "second"
+    options = ["--world", "second", "--seed", "3", "--effect", "gauge_gain:2", "-o", str(path), "--quiet"]
+    assert main(["challenge", "new", *options]) == 0
+    joint = open_seal(path / "truth.seal")["joints"]["joint_1"]
+    assert joint["names"] == ["gauge_gain"] and joint["visibility"]["gauge_gain"] > 0.0
+    assert main(["challenge", "check", str(path), _diagnosis(tmp_path, "gauge_gain", "presliding")]) == 0
+    wrong = ["challenge", "new", "--world", "second", "--motion", "slow_only", "-o", str(tmp_path / "x")]
+    assert main(wrong) == 2 and "expected one of general, sine" in capsys.readouterr().err
+
+
+def test_a_campaign_of_both_worlds_sets_them_side_by_side(tmp_path, capsys, monkeypatch):
+    from hd_sim.puzzles import campaign
+
+    answer = {"verdict": "adequate", "effects": [], "unknown": None, "experiments": []}
+    monkeypatch.setattr(campaign, "ask", lambda question: answer)
+    log = tmp_path / "looks.jsonl"
+    words = ["challenge", "campaign", "--n", "2", "--seed", "900000", "--kind", "none", "--log", str(log)]
+    assert main([*words, "--json", str(tmp_path / "out.json")]) == 0
+    text, document = capsys.readouterr().out, json.loads((tmp_path / "out.json").read_text())
+    assert "| figure | home | second | worse | target |" in text and "seeds 900000 to 900001: test" in text
+    worlds = document["headline"][0]["worlds"]
+    assert {world: row["count"] for world, row in worlds.items()} == {"home": 1, "second": 1}
+    assert json.loads(log.read_text())["count"] == 2
+    assert main(words) == 2 and "were looked at" in capsys.readouterr().err
