@@ -92,6 +92,7 @@ ROS = {
 ROS_ALLOWED = (
     "hd_control.nodes",
     "hd_control.session",
+    "hd_control.bench.recording",
     "hd_control.bench.ring",
     "hd_control.pages.node_facts",
     "hd_sim.nodes",

@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parents[1]
 TOPS = ("hd_control", "hd_sim")
 REASONS = {
     "hd_sim.drive_side": "the drives' electronics are a subject of their own: watchdog, guard, brake",
+    "hd_control.bench.recording": "runs as a process of its own beside the recorder that it measures",
     "hd_control.bench.peers": "the only file that may import MuJoCo, which is an extra",
     "hd_control.lab.diagnosis.claims": "what may be said of a selection, apart from the order in which it is found",
     "hd_control.pages.fault_page": "one long page of its own; pages lists all",

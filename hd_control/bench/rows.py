@@ -57,6 +57,28 @@ def ring_rows(runs: int, seconds: float) -> list[Result]:
     return [*found, summarise("one_process_p50", "us", [result.p50 for result in one])]
 
 
+def recorder_rows(runs: int, seconds: float) -> list[Result]:
+    """`recorder_share` in % of a processor and `recorder_lost` in samples: eleven topics at 1 kHz, one recorder.
+
+    The peer takes the messages in Python. `recorder_loaded_…`: while ordinary programs keep every processor busy.
+    """
+    from hd_control.bench.recording import recorder_run
+
+    ours, theirs, loaded = [], [], []
+    for _ in range(runs):
+        ours.append(recorder_run(seconds))
+        theirs.append(recorder_run(seconds, python=True))
+        loaded.append(recorder_run(seconds, loaded=True))
+    return [
+        summarise("recorder_share", "%", [run.share for run in ours]),
+        summarise("recorder_share", "%", [run.share for run in theirs], "in_python"),
+        summarise("recorder_lost", "samples", [run.lost for run in ours]),
+        summarise("recorder_lost", "samples", [run.lost for run in theirs], "in_python"),
+        summarise("recorder_loaded_share", "%", [run.share for run in loaded]),
+        summarise("recorder_loaded_lost", "samples", [run.lost for run in loaded]),
+    ]
+
+
 def lockstep_rows(runs: int) -> list[Result]:
     """`lockstep_ros_ticks`: ticks per second over four processes."""
     from hd_control.bench.ring import lockstep_ticks_per_second

@@ -17,7 +17,7 @@ EXAMPLE = """hd bench --only plant laws --runs 20
   hd bench --growth --png pictures --json bench.json"""
 SCHEMA = "hd.bench/1"
 CURVES = ("decoding", "replay", "joints", "length", "rate", "ring")
-GROUPS = ("plant", "laws", "runner", "records", "replay", "start", "workbench", "lockstep", "ring")
+GROUPS = ("plant", "laws", "runner", "records", "replay", "start", "workbench", "lockstep", "ring", "recorder")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -161,6 +161,7 @@ def _groups(arguments: argparse.Namespace) -> dict[str, Callable[[], tuple[list[
         "start": lambda: (rows.start_rows(runs), []),
         "lockstep": lambda: (rows.lockstep_rows(few), []),
         "ring": lambda: (rows.ring_rows(few, arguments.seconds), []),
+        "recorder": lambda: (rows.recorder_rows(few, arguments.seconds), []),
     }
 
 

@@ -126,6 +126,10 @@ MEANINGS = {
     "robot_ring_p99": "the same",
     "robot_ring_missed": "the same: ticks not back in time",
     "one_process_p50": "`chain` with plant in one thread over the same topics",
+    "recorder_share": "of one processor, eleven topics at 1 kHz recorded",
+    "recorder_lost": "the same: published less what is in the bag",
+    "recorder_loaded_share": "the same while ordinary programs keep every processor busy",
+    "recorder_loaded_lost": "the same",
 }
 
 

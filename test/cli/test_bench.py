@@ -11,6 +11,7 @@ import pytest
 from hd_control.bench import commands, growth, rows
 from hd_control.bench.growth import FIELDS, Point, growth_figure
 from hd_control.bench.measure import Timed, summarise, time_each
+from hd_control.bench.recording import recorder_run
 from hd_control.cli import bench
 from hd_control.cli.main import main
 from hd_control.core.errors import HdError
@@ -119,3 +120,11 @@ def test_an_update_keeps_what_is_not_measured_again(tmp_path: Path) -> None:
     assert "step_fusion" in document["notes"][0] and "earlier run" in document["notes"][0]
     file.write_text("{}")
     assert main([*words, "--only", "start", "--update", "--force"]) == 2
+
+
+@pytest.mark.process
+def test_a_recording_is_measured_from_outside() -> None:
+    """All ticks of eleven topics are published, and what is lost is the difference to what a reader finds."""
+    run = recorder_run(1.0)
+    assert run.published % 11 == 0 and run.published >= 11 * 500
+    assert run.share > 0.0 and 0 <= run.lost < run.published
