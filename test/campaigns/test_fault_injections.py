@@ -12,6 +12,8 @@ GOALS = ("G1", "G2", "G19")
 
 COUNT = count(10_000)
 BLOCK = 50
+BEFORE = 60
+"""Ticks that are looked at before the first fault: what is delayed or repeated is taken from them."""
 
 
 def run_block(first):
@@ -19,7 +21,7 @@ def run_block(first):
     rows = []
     for index in range(first, min(first + BLOCK, COUNT)):
         case = draw_case(SEED, index)
-        verdict = run_case(case)
+        verdict = run_case(case, BEFORE)
         rows.append((index, verdict.problems, verdict.stop_tick >= 0, verdict.fastest, len(case.injections)))
     return rows
 

@@ -41,15 +41,19 @@ def make_oracle(runner):
     )  # fmt: skip
 
 
-def run_case(case):
-    """The verdict of one case."""
+def run_case(case, before=None):
+    """The verdict of one case. `before`: ticks that are looked at before the first fault, None: all of them.
+
+    Those before them run at once, compiled.
+    """
     runner = make_runner(case)
     oracle, seam = make_oracle(runner), runner.world.seam
     plant, stop_tick, detected = seam.plant, -1, ""
-    degraded = DegradedOracle(runner.goal_limits.velocity)
+    degraded, begin = DegradedOracle(runner.goal_limits.velocity), _run_ahead(runner, case, before)
+    oracle.before = runner.given.tolist()
     first_stops, elsewhere = {}, []
     limit = plant.config.drives["torque_limit"]
-    for tick in range(case.ticks):
+    for tick in range(begin, case.ticks):
         if tick == ARMED:
             start_motion(runner, case)
         used = runner.used_tick
@@ -78,6 +82,19 @@ def run_case(case):
         if last is not None and not 0 <= stop_tick <= last:
             problems.append(f"no stop by tick {last} ({injection.target} {injection.kind}), stopped at {stop_tick}")
     return Verdict(problems, stop_tick, oracle.fastest, detected)
+
+
+def _run_ahead(runner, case, before):
+    """Runs the healthy begin of a case at once; the first tick that is left."""
+    onset = min((injection.onset for injection in case.injections), default=0)
+    first = 0 if before is None else onset - before
+    if first <= ARMED:
+        return 0
+    runner.run_on(ARMED)
+    start_motion(runner, case)
+    runner.run_on(first - ARMED)
+    runner.used_tick, runner.given = first - 1, runner.world.seam.native.applied.copy()
+    return first
 
 
 def estimates_of(law):
