@@ -16,7 +16,7 @@ from hd_control.core.errors import HdError
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "test" / "campaigns"
-WORDS = {"STORY", "DEMO", "DOCS", "SABOTAGE", "FUZZ", "SIGNALS"}
+WORDS = {"STORY", "DEMO", "DOCS", "SABOTAGE", "FUZZ", "SIGNALS", "ENDS"}
 """Campaigns of the long lane that measure no numbered goal."""
 
 

@@ -20,7 +20,8 @@ from hd_control.pages import pages
 NAMES = set(
     "plant_5_substeps plant_10_substeps step_fusion step_motion step_torque step_gate chain_compute lockstep_pure "
     "lockstep_ros_ticks ring_p50 ring_p99 ring_missed one_process_p50 decode_messages compare_bag diagnose_joint "
-    "peak_memory_compare cli_start replay_batch".split()
+    "peak_memory_compare cli_start replay_batch recorder_share recorder_lost recorder_loaded_share "
+    "recorder_loaded_lost".split()
 )
 ROW = {"name", "median", "min", "p99", "unit", "runs", "peer"}
 
