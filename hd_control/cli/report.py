@@ -86,13 +86,13 @@ def _page(recording: Recording, models: dict[str, Model], split: Split | None, j
     from hd_control.lab.page.model_figures import HorizonCurve, Rung
     from hd_control.lab.page.page_data import Ladder, joint_page
 
-    comparisons, noises = {}, None
+    comparisons, noises, observations = {}, None, None
     curves: dict[str, tuple[HorizonCurve, ...]] = {}
     for path, model in models.items():
         if joint not in model.joints:
             continue
         report = compare_joint(recording, model, joint, None, noises)
-        noises = noises or report.comparison.noises
+        noises, observations = noises or report.comparison.noises, observations or report.observations
         comparisons[name_of(path)] = report.comparison
         for length, run in report.horizons.runs.items():
             key = f"free run over {length:g} s, motor position"
@@ -111,4 +111,4 @@ def _page(recording: Recording, models: dict[str, Model], split: Split | None, j
                 if name in r.held_out
             )
             ladders.append(Ladder(rungs, UNITS[name], f"{name.replace('_', ' ')}; {ladder.stopped_because}"))
-    return joint_page(joint, comparisons, diagnosis, ladders, None, curves, diagnosis.notes)
+    return joint_page(joint, comparisons, diagnosis, ladders, None, curves, diagnosis.notes, observations)

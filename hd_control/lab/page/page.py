@@ -16,6 +16,8 @@ from hd_control.core.files import write_whole
 from hd_control.lab.balances.channels import shown_unit
 from hd_control.lab.maps.condition_maps import LEAST_EFFECTIVE, UNITS, ChannelMaps, concentration, sentence
 from hd_control.lab.maps.orders import describe
+from hd_control.lab.models.observations import Observations, sections
+from hd_control.lab.page.measured_figures import density_figure, friction_figure, friction_group_figure
 from hd_control.lab.page.model_figures import confidence_figure, horizon_figure, ladder_figure, overlay_figure
 from hd_control.lab.page.page_data import ChannelPage, JointPage, ParameterRow, ReportPage
 from hd_control.lab.page.residual_figures import heat_figure, largest_rms, map_figure, order_figure
@@ -268,6 +270,7 @@ def _joint(joint: JointPage, place: int, figures: Figures) -> str:
     pieces = [f"<h2>{escape(joint.joint)}</h2>", _answer(joint, figures)]
     ladders = (figures.place(ladder_figure(x.rungs, x.unit, x.stopped_because)) for x in joint.ladders if x.rungs)
     pieces.append(card(grid(ladders, "wide")))
+    pieces.append(_measured(joint.observations, figures))
     pieces += [_channel(channel, figures) for channel in joint.channels]
     if joint.horizons:
         curves = (figures.place(horizon_figure(c, title)) for title, c in joint.horizons.items())
@@ -293,6 +296,43 @@ def _answer(joint: JointPage, figures: Figures) -> str:
         folded("What limits this recording", listed(found.notes)),
         style=f"verdict {found.verdict}",
     )
+
+
+MEASURED = (
+    "Sensors, delays, friction and lines as they were measured. No model of friction and no guessed inertia stands in "
+    "them, so they hold also where the recording cannot say what is missing in a model."
+)
+
+
+def _measured(found: Observations | None, figures: Figures) -> str:
+    """What the recording shows before any model is asked."""
+    if found is None:
+        return ""
+    parts = dict(sections(found))
+    curves = [
+        figures.place(figure)
+        for curve in found.friction
+        for figure in (
+            friction_figure(curve),
+            *(friction_group_figure(curve, name) for name in dict.fromkeys(g.variable for g in curve.groups)),
+        )
+    ]
+    pieces = [f"<h3>What was measured</h3>{paragraph(MEASURED, 'small')}"]
+    for head in ("sensors", "delays"):
+        pieces.append(f"<h4>{head.capitalize()}</h4>{listed(parts[head])}" if head in parts else "")
+    if curves:
+        pieces.append(f"<h4>Friction</h4>{grid(curves, 'wide')}{listed(parts['friction'], 'small')}")
+    spectra = (
+        figures.place(figure)
+        for x in found.spectra
+        for figure in (
+            order_figure(x.orders, x.lines, x.unit, f"Order spectrum of the {x.signal.replace('_', ' ')} itself"),
+            density_figure(x),
+        )
+    )
+    lines = folded("All lines in words", listed(parts["lines"])) if "lines" in parts else ""
+    pieces.append(f"<h4>Spectra of the measured signals</h4>{grid(spectra, 'wide')}{lines}" if found.spectra else "")
+    return card(*pieces)
 
 
 def _channel(channel: ChannelPage, figures: Figures) -> str:

@@ -14,6 +14,7 @@ from hd_control.lab.maps.condition_maps import ChannelMaps, conditions_of, maps_
 from hd_control.lab.maps.orders import OrderLine, OrderSpectrum, lines_of, order_spectrum
 from hd_control.lab.maps.zoom import Window, zoom_windows
 from hd_control.lab.models.compare import ChannelComparison, JointComparison
+from hd_control.lab.models.observations import Observations
 from hd_control.lab.page.model_figures import HorizonCurve, Rung
 
 FLAT = 0.5
@@ -65,7 +66,7 @@ class Ladder:
 @dataclass(frozen=True)
 class JointPage:
     """Everything on one joint. `ladders`: one, or one for each channel. `horizons`: title -> curves of one picture.
-    `notes`: what was repaired or left out."""
+    `notes`: what was repaired or left out. `observations`: what is shown before any model is asked."""
 
     joint: str
     channels: tuple[ChannelPage, ...] = ()
@@ -74,6 +75,7 @@ class JointPage:
     parameters: tuple[ParameterRow, ...] = ()
     horizons: Mapping[str, tuple[HorizonCurve, ...]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    observations: Observations | None = None
 
 
 @dataclass(frozen=True)
@@ -96,11 +98,14 @@ def joint_page(
     parameters: Sequence[ParameterRow] | None = None,
     horizons: Mapping[str, tuple[HorizonCurve, ...]] | None = None,
     notes: Sequence[str] = (),
+    observations: Observations | None = None,
 ) -> JointPage:
     """The page of one joint. comparisons: model name -> comparison on the same recording; parameters: those of the
     diagnosis if not given."""
     rows = parameter_rows(diagnosis) if parameters is None and diagnosis is not None else tuple(parameters or ())
-    return JointPage(joint, channel_pages(comparisons), diagnosis, tuple(ladders), rows, horizons or {}, tuple(notes))
+    return JointPage(
+        joint, channel_pages(comparisons), diagnosis, tuple(ladders), rows, horizons or {}, tuple(notes), observations
+    )
 
 
 def channel_pages(comparisons: Mapping[str, JointComparison]) -> tuple[ChannelPage, ...]:

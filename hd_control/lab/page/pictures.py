@@ -17,6 +17,7 @@ from typing import Any
 from hd_control.core.errors import HdError
 from hd_control.core.files import refusal, write_whole
 from hd_control.lab.maps.condition_maps import dependence
+from hd_control.lab.page.measured_figures import friction_figure
 from hd_control.lab.page.model_figures import confidence_figure, ladder_figure, overlay_figure
 from hd_control.lab.page.page import json_text
 from hd_control.lab.page.page_data import JointPage, ReportPage
@@ -136,7 +137,7 @@ def write_pictures(folder: str | Path, page: ReportPage, force: bool = False) ->
 
 
 def key_figures(joint: JointPage) -> dict[str, Figure]:
-    """What a reader needs first, by name: answer, ladder; per channel overlay, the map that says most, orders."""
+    """What a reader needs first, by name: answer, ladder, friction, lines; per channel overlay, best map, orders."""
     found: dict[str, Figure] = {}
     bars = confidence_bars(joint.diagnosis) if joint.diagnosis is not None else []
     if bars:
@@ -144,6 +145,12 @@ def key_figures(joint: JointPage) -> dict[str, Figure]:
     for i, ladder in enumerate(joint.ladders):
         name = "ladder" if len(joint.ladders) == 1 else f"ladder_{i + 1}"
         found[name] = ladder_figure(ladder.rungs, ladder.unit, ladder.stopped_because)
+    for curve in joint.observations.friction if joint.observations is not None else ():
+        found[f"friction_{curve.signal}"] = friction_figure(curve)
+    for item in joint.observations.spectra if joint.observations is not None else ():
+        if item.lines:
+            title = f"Order spectrum of the {item.signal.replace('_', ' ')} itself"
+            found[f"orders_{item.signal}"] = order_figure(item.orders, item.lines, item.unit, title)
     for channel in joint.channels:
         first = next(iter(channel.models))
         unit = channel.models[first].unit
