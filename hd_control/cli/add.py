@@ -22,7 +22,7 @@ from hd_control.cli._workbench import (
 
 if TYPE_CHECKING:
     from hd_control.drive.model import Model
-    from hd_control.lab.models.fit_model import FittedParameter
+    from hd_control.lab.models.fit_model import FittedJoint, FittedParameter
     from hd_control.lab.signals.joint_signals import Recording
 
 NAME = "add"
@@ -61,9 +61,10 @@ def run(arguments: argparse.Namespace) -> int:
     report_recording(arguments, recording)
     document: dict[str, Any] = {"schema": SCHEMA, "bag": bag_entry(recording), "effect": arguments.effect, "joints": {}}
     for joint in track(arguments, joints, len(joints), "fitting"):
-        model, rows, gain = _fit(recording, model, joint, arguments.effect)
-        document["joints"][joint] = {"gain_nats": gain, "parameters": [vars(row) for row in rows]}
-        for line in lines(joint, rows, gain):
+        model, fitted, notes = _fit(recording, model, joint, arguments.effect)
+        rows = [vars(row) for row in fitted.parameters]
+        document["joints"][joint] = {"gain_nats": fitted.gain, "parameters": rows, "notes": list(notes)}
+        for line in (*lines(joint, fitted.parameters, fitted.gain), *(f"  ! {text}" for text in notes)):
             say(arguments, line)
     effect = [arguments.effect] if arguments.effect else ["--refit"]
     words = ["add", *effect, "--model", name_of(arguments.model), "--bag", name_of(arguments.bag)]
@@ -86,12 +87,25 @@ def _joints(arguments: argparse.Namespace, recording: Recording, model: Model) -
 
 def _fit(
     recording: Recording, model: Model, joint: str, effect: str | None
-) -> tuple[Model, tuple[FittedParameter, ...], float]:
-    from hd_control.lab.models.answers import joint_task
+) -> tuple[Model, FittedJoint, tuple[str, ...]]:
+    """The model with one joint fitted, its table, and which measured delays were taken out. Raises HdError if signals
+    and model contradict each other."""
+    from hd_control.core.errors import HdError
+    from hd_control.lab.models.answers import checks_of, joint_task
     from hd_control.lab.models.fit_model import fit_joint
+    from hd_control.lab.models.ladder import with_delays
+    from hd_control.lab.signals.delays import carried
 
-    fitted = fit_joint(joint_task(recording, model, joint), model.joint(joint), effect)
-    return replace(model, joints={**model.joints, joint: fitted.model}), fitted.parameters, fitted.gain
+    task = joint_task(recording, model, joint)
+    checks = checks_of(recording, model, joint, task.equations)
+    if checks.contradictions:
+        why = "; ".join(checks.contradictions)
+        raise HdError(f"{joint}: signals and model contradict each other, so nothing is fitted: {why}")
+    delays, notes = carried(checks.delays)
+    if delays:
+        task = joint_task(with_delays(recording, joint, delays), model, joint)
+    fitted = fit_joint(task, model.joint(joint), effect)
+    return replace(model, joints={**model.joints, joint: fitted.model}), fitted, notes
 
 
 def lines(joint: str, rows: tuple[FittedParameter, ...], gain: float) -> Iterator[str]:

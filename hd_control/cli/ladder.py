@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of the command."""
     add_bag_options(parser)
     parser.add_argument("--model", metavar="M", required=True, help="model file or shipped model to start from")
-    parser.add_argument("--held-out", metavar="BAG2", help="judge on this bag; without it on the last 30 %% of BAG")
+    parser.add_argument("--held-out", metavar="BAG2", help="show errors on this bag; without it the last fifth")
     parser.add_argument("--limit", metavar="N", type=int, default=6, help="most effects to add to a joint [6]")
     parser.add_argument("-o", "--output", metavar="M2", help="write the model of the last rung")
 
@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     recordings = [recording]
     if arguments.held_out:
         recordings.append(open_bag(arguments, arguments.held_out))
-        split = Split(*recordings)
+        split = Split.of(*recordings)
         joints = [joint for joint in joints if joint in split.held_out.joints]
     else:
         split = split_recording(recording)
@@ -103,6 +103,8 @@ def lines(ladder: JointLadder) -> Iterator[str]:
     from hd_control.drive.effect import UNITS
 
     yield f"{ladder.joint}:"
+    for text in ladder.notes:
+        yield f"  ! {text}"
     for rung in ladder.rungs:
         parts = [
             f"{name} {quantity(error, UNITS[name])} ({rung.ratio(name):.2f})" for name, error in rung.held_out.items()

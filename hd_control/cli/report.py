@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     models = {path: open_model(path, recording) for path in dict.fromkeys(arguments.model)}
     joints = chosen_joints(arguments, recording, next(iter(models.values())))
     report_recording(arguments, recording)
-    split = Split(recording, open_bag(arguments, arguments.held_out)) if arguments.held_out else None
+    split = Split.of(recording, open_bag(arguments, arguments.held_out)) if arguments.held_out else None
     if split is None and not arguments.no_ladder:
         split = split_recording(recording)
     work = partial(_page, recording, models, None if arguments.no_ladder else split)

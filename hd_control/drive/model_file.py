@@ -383,8 +383,20 @@ def save_model(
     text = model_text(written)
     if len(text.encode()) > MAX_BYTES:
         raise ConfigError(f"{path}: the model would be larger than {MAX_BYTES} bytes; put its URDF beside it as a file")
+    _read_back(text, written, path)
     write_whole(path, text, ConfigError)
     return written
+
+
+def _read_back(text: str, written: Model, path: Path) -> None:
+    """Raises ConfigError if the text of a model is not one that `load_model` reads, with the same values."""
+    try:
+        found = parse_model(text, str(path), path.parent)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: not written, for it could not be read again: {error}") from None
+    for name, joint in written.joints.items():
+        if any(found.joint(name).numbers(effect) != joint.numbers(effect) for effect in joint.effects):
+            raise ConfigError(f"{path}: not written, for {name} would be read with other values")
 
 
 def _robot_for(model: Model, folder: Path) -> str | None:

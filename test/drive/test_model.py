@@ -287,3 +287,13 @@ def test_a_damaged_file_is_an_error_or_a_model(rng: np.random.Generator) -> None
             models += 1
             assert parse_model(model_text(model)) == model
     assert 50 < models < 1450, "the damage must be neither harmless nor total"
+
+
+def test_a_model_that_could_not_be_read_again_is_not_written(tmp_path: Path) -> None:
+    """A negative damping, as an unbounded fit would give it."""
+    good = parse_model(TEXT)
+    joint = next(iter(good.joints))
+    bad = good.with_effect(joint, "viscous_friction", {"viscous": ModelValue(-2.0, "N m s", source="fitted")})
+    with pytest.raises(ConfigError, match="not written, for it could not be read again: .*-2 N m s is outside"):
+        save_model(bad, tmp_path / "m.yaml")
+    assert not (tmp_path / "m.yaml").exists()

@@ -16,10 +16,13 @@ from hd_control.lab.signals.delays import (
     MOTION,
     SMALLEST,
     KnownLinks,
+    MeasuredDelay,
     Shift,
     SlowRows,
     best_shift,
+    carried,
     delay_sentences,
+    in_time,
     measured_delays,
     regress,
 )
@@ -260,3 +263,28 @@ def test_a_stiff_spring_alone_does_not_need_a_gauge() -> None:
     blind = replace(signals(), gauge_torque=None, joint_position=shifted(signals().joint_position, 5e-3))
     (sentence,) = delay_sentences(SlowRows(blind, RATIO))
     assert "joint_position 5" in sentence and "against motor_shaft_position" in sentence
+
+
+def test_sure_delays_are_taken_out_and_unsure_ones_stay() -> None:
+    gauge = MeasuredDelay("gauge_torque", MOTION, 0.05, 0.048, 0.052, True, True)
+    motor = MeasuredDelay("motor_torque", MOTION, 0.02, 0.018, 0.022, True, True)
+    joint = MeasuredDelay("joint_position", "motor_shaft_position", -7e-3, -7.1e-3, -6.9e-3, True, True)
+    assert carried([gauge, joint]) == (
+        {"joint_position": -7e-3, "gauge_torque": 0.05},
+        ("joint_position taken 7 ms later, as measured", "gauge_torque taken 50 ms earlier, as measured"),
+    )
+    assert carried([gauge, motor]) == ({}, ()), "perhaps only one of two torques is late"
+    assert carried([motor])[0] == {"motor_torque": 0.02}
+    assert carried([replace(motor, seconds=-0.02)]) == ({}, ()), "a drive that answers late is an effect"
+    assert carried([replace(gauge, sure=False)]) == ({}, ())
+
+
+def test_a_signal_without_its_delay_is_the_signal() -> None:
+    whole = signals()
+    late = replace(whole, gauge_torque=shifted(whole.gauge_torque, 7.3e-3))
+    found = in_time(late, {"gauge_torque": 7.3e-3})
+    inside = slice(1000, -1000)
+    noise = np.std(np.diff(whole.gauge_torque)) / np.sqrt(2.0)
+    assert np.std((found.gauge_torque - whole.gauge_torque)[inside]) < noise
+    assert np.isnan(found.gauge_torque[-7:]).all() and not found.valid[-7:].any() and found.valid[:-8].all()
+    assert found.joint_position is whole.joint_position

@@ -5,18 +5,22 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import lru_cache
 
+import numpy as np
 import pytest
 from oracles.simple_joint import Changes, Joint, simulate, with_noise
 from plain_joint import NAME, PLAIN, equations, joint_model, link_of, recording, signals
 from test_effect_columns import CASES
 
 from hd_control.core.errors import ConfigError, HdError
+from hd_control.drive.effect import EffectParameter
+from hd_control.drive.library import effect_named
 from hd_control.drive.model import JointModel, Model, ModelValue
+from hd_control.drive.model_file import model_text, parse_model
 from hd_control.lab.diagnosis.corrections import Task, prepare
 from hd_control.lab.diagnosis.dictionary import Dictionary
 from hd_control.lab.diagnosis.task import task_of
 from hd_control.lab.models.answers import joint_task
-from hd_control.lab.models.fit_model import DEAD, FittedJoint, fit_joint
+from hd_control.lab.models.fit_model import DEAD, FittedJoint, bounds_of, fit_joint
 
 ROUGH = {
     ("rotor_inertia", "rotor_inertia"): (0.9, PLAIN.rotor_inertia),
@@ -174,3 +178,27 @@ def test_what_cannot_be_added_is_one_clear_error() -> None:
     nothing = replace(made, equations=replace(equations(), channels={}))
     with pytest.raises(HdError, match="the recorded signals allow no residual channel"):
         fit_joint(nothing, rough())
+
+
+def test_limits_of_the_file_and_of_physics_hold_together() -> None:
+    about = EffectParameter("viscous", "N m s", "viscous friction", low=0.0)
+    assert bounds_of(None, None) == (-np.inf, np.inf)
+    assert bounds_of(ModelValue(1.0), about) == (0.0, np.inf), "a file without limits has those of physics"
+    assert bounds_of(ModelValue(1.0, low=0.5, high=2.0), about) == (0.5, 2.0)
+
+
+@pytest.mark.parametrize("effect", [None, "payload"])
+def test_no_fit_leaves_its_limits_or_its_interval(effect: str | None) -> None:
+    """Torque noise of 8 N m and a servo that hardly moves: free fits give negative numbers."""
+    poor = with_noise(simulate(tones=((0.02, 0.4), (0.01, 1.1), (0.004, 2.0))), {"gauge_torque": 8.0})
+    noise = 8.0 * np.random.default_rng(3).standard_normal(poor.time.size)
+    poor = replace(poor, motor_torque=poor.motor_torque + noise)
+    made = joint_task(recording(poor), Model(None, {NAME: rough()}), NAME)
+    found = fit_joint(made, rough(), effect)
+    for row in found.parameters:
+        about = {p.name: p for p in effect_named(row.effect).parameters}[row.name]
+        assert about.low <= row.value <= about.high and row.low <= row.value <= row.high, row
+        kept = found.model.effects[row.effect][row.name]
+        assert kept.interval is not None and kept.interval[0] <= kept.value <= kept.interval[1]
+    text = model_text(Model(None, {NAME: found.model}))
+    assert parse_model(text).joint(NAME).numbers("viscous_friction") == found.model.numbers("viscous_friction")

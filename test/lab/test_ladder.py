@@ -37,7 +37,8 @@ MODEL = Model(None, {"joint_1": JointModel(100.0)})
 
 
 def rung(error: float, floor: float = 0.3, name: str = "x") -> LadderRung:
-    return LadderRung(name, 1, {}, {"motor_torque": error, "transmission": 1.0}, {"motor_torque": floor}, MODEL)
+    errors, floors = {"motor_torque": error, "transmission": 1.0}, {"motor_torque": floor}
+    return LadderRung(name, 1, {}, errors, floors, MODEL, None, errors, floors)
 
 
 def rungs(errors: tuple[float, ...], floor: float = 0.3) -> tuple[LadderRung, ...]:
@@ -81,22 +82,33 @@ def test_an_effect_that_raises_the_error_or_cannot_be_judged_does_not_stay() -> 
 
 
 def test_the_floor_is_reached_when_every_channel_is_there() -> None:
-    one = LadderRung("x", 1, {}, {"a": FLOOR_REACHED * 0.1, "b": 0.1}, {"a": 0.1, "b": 0.1}, MODEL)
-    assert _floor(one) == "noise floor reached: held-out errors within 5 % of it"
-    assert _floor(replace(one, held_out={"a": 0.106, "b": 0.1})) == ""
-    assert _floor(replace(one, held_out={})) == ""
+    reached, floor = {"a": FLOOR_REACHED * 0.1, "b": 0.1}, {"a": 0.1, "b": 0.1}
+    one = LadderRung("x", 1, {}, {"a": 7.0, "b": 7.0}, floor, MODEL, None, reached, floor)
+    assert _floor(one) == "noise floor reached: held-out errors within 5 % of it", "whatever is shown"
+    assert _floor(replace(one, stopping={"a": 0.106, "b": 0.1})) == ""
+    assert _floor(replace(one, stopping={})) == ""
 
 
-def test_a_recording_is_split_in_two_parts_in_time() -> None:
+def test_what_is_shown_decides_nothing() -> None:
+    """An effect stays by the part that decides, though the shown part gets worse; and the other way round."""
+    before = rung(1.0)
+    shown_worse = replace(rung(0.5), held_out={"motor_torque": 3.0, "transmission": 1.0})
+    shown_better = replace(rung(1.5, name="payload"), held_out={"motor_torque": 0.1, "transmission": 1.0})
+    assert _not_better(shown_worse, before, "motor_torque") == ""
+    assert _not_better(shown_better, before, "motor_torque").startswith("payload raised the held-out error")
+
+
+def test_a_recording_is_split_in_three_parts_in_time() -> None:
     whole = signals()
     noted = replace(whole, notes=("1 gap",))
-    found = split_recording(recording(noted), 0.7)
-    train, held = found.train.joints[NAME], found.held_out.joints[NAME]
-    assert train.time.size == 21_000 and held.time.size == 9000
-    assert train.time[0] == held.time[0] == 0.0, "each counts from its own start"
+    found = split_recording(recording(noted), 0.3)
+    parts = [part.joints[NAME] for part in (found.train, found.stopping, found.held_out)]
+    train, _, held = parts
+    assert [part.time.size for part in parts] == [15_750, 5250, 9000]
+    assert all(part.time[0] == 0.0 for part in parts), "each counts from its own start"
     np.testing.assert_allclose(np.diff(held.time), 1e-3)
     for name in whole.present:
-        np.testing.assert_array_equal(np.concatenate([getattr(train, name), getattr(held, name)]), getattr(whole, name))
+        np.testing.assert_array_equal(np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name))
     assert held.temperature is None and held.notes == ("1 gap",) and held.period == whole.period
 
 
@@ -114,7 +126,7 @@ OTHER = tuple((0.25 * (0.09 / f) ** 1.4 + 0.004, f) for f in (0.09 * 1.27**i for
 def ladder() -> JointLadder:
     """Both effects missing, two recordings with different motion and noise."""
     held = with_noise(simulate(BOTH, tones=OTHER), seed=1)
-    return climb(Split(recording(signals(BOTH)), recording(held)), model(), NAME)
+    return climb(Split.of(recording(signals(BOTH)), recording(held)), model(), NAME)
 
 
 def test_effects_come_in_the_order_of_what_they_gain_and_each_lowers_its_channel() -> None:
@@ -163,7 +175,7 @@ def test_the_json_of_a_ladder_is_that_of_its_rungs() -> None:
 @pytest.mark.slow
 def test_a_ladder_ends_at_its_limit() -> None:
     held = with_noise(simulate(BOTH, tones=OTHER), seed=1)
-    found = climb(Split(recording(signals(BOTH)), recording(held)), model(), NAME, limit=1)
+    found = climb(Split.of(recording(signals(BOTH)), recording(held)), model(), NAME, limit=1)
     assert [r.effect for r in found.rungs] == [GIVEN, REFIT, "payload"]
     assert found.stopped_because == "limit of 1 effects reached"
 

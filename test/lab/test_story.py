@@ -39,7 +39,7 @@ def opened(pair: Pair) -> tuple[Split, Model, str]:
     """What a user has: two recordings, a model, a joint."""
     joint = str(pair.model["joint"])
     fit, held_out = (recording(columns, joint, pair.period) for columns in (pair.fit, pair.held_out))
-    return Split(fit, held_out), nominal_model(pair.model), joint
+    return Split.of(fit, held_out), nominal_model(pair.model), joint
 
 
 def hidden(effect: str, strength: float, motion: str = "general") -> Pair:
@@ -171,6 +171,6 @@ def test_a_held_out_run_without_the_channel_of_the_effect_says_so() -> None:
     """The model has an effect of the motor side then; a recording without motor torque must still be compared."""
     split, model, joint = opened(hidden("asymmetric_friction", 1.0))
     blind = replace(split.held_out.joints[joint], motor_torque=None)
-    ladder = climb(Split(split.train, replace(split.held_out, joints={joint: blind})), model, joint)
+    ladder = climb(replace(split, held_out=replace(split.held_out, joints={joint: blind})), model, joint)
     assert [rung.effect for rung in ladder.rungs[2:]] == []
     assert "does not show motor_torque, so asymmetric_friction cannot be judged" in ladder.stopped_because

@@ -25,6 +25,8 @@ DEAD = "dead: the data do not need it"
 FLAT = 0.5
 TRADE_OFF = 0.95
 AT_BOUND = 0.01
+OUTSIDE = "at bound: the free fit lies beyond it"
+"""Remark on a value that a free fit would put beyond its limits, or outside its own interval."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,13 @@ def fit_joint(
         gain = table.near_reversals(added)
     rows = tuple(replace(r, remark=DEAD) if r.effect == effect and gain < DEAD_GAIN else r for r in table.rows)
     return FittedJoint(table.joint, rows, gain)
+
+
+def bounds_of(old: ModelValue | None, about: EffectParameter | None) -> tuple[float, float]:
+    """What a value may be: the limits of the model's file and those of physics together."""
+    lows = [-np.inf, *(x.low for x in (old, about) if x is not None)]
+    highs = [np.inf, *(x.high for x in (old, about) if x is not None)]
+    return max(lows), min(highs)
 
 
 def _check_addable(name: str, joint: JointModel) -> None:
@@ -168,13 +177,17 @@ class _Table:
         name = name or (about.name if about else "")
         old = self.joint.effects.get(effect, {}).get(name)
         unit = old.unit if old and old.unit else (about.unit if about else "")
-        low, high = (old.low, old.high) if old else (about.low, about.high) if about else (-np.inf, np.inf)
-        value = float(np.clip(interval.value, low, high))
-        new = ModelValue(value, unit, low, high, "fitted", (min(interval.low, value), max(interval.high, value)))
+        low, high = bounds_of(old, about)
+        value, least, most = (float(np.clip(x, low, high)) for x in (interval.value, interval.low, interval.high))
+        if not interval.low <= interval.value <= interval.high or not low <= interval.value <= high:
+            remark = remark or OUTSIDE
+        least, most = min(least, value), max(most, value)
+        kept = (old.low, old.high) if old else (low, high)
+        new = ModelValue(value, unit, *kept, "fitted", (least, most))
         self.joint = self.joint.with_effect(effect, {**self.joint.effects.get(effect, {}), name: new})
         was = None if old is None else old.value
         bound = f"{low:g} ... {high:g}" if np.isfinite(low) or np.isfinite(high) else ""
-        row = FittedParameter(effect, name, unit, value, interval.low, interval.high, was, bound, remark)
+        row = FittedParameter(effect, name, unit, value, least, most, was, bound, remark)
         self.rows.append(row)
 
     def _remark(self, effect: str, name: str, interval: Interval, about: EffectParameter | None) -> str:

@@ -1,9 +1,13 @@
-"""The ladder: diagnose, add the most important effect, look at data that were not used for the fit, again."""
+"""The ladder: diagnose, add the most important effect, look at data that were not used for the fit, again.
+
+Three parts of the data: one for fitting and diagnosing, one that decides when to stop, one for the errors that are
+shown. A figure of data that have decided something would be too good.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -18,29 +22,44 @@ from hd_control.lab.balances.noise import Noise
 from hd_control.lab.diagnosis.corrections import Task, prepare
 from hd_control.lab.diagnosis.diagnose import diagnose
 from hd_control.lab.diagnosis.verdict import ADEQUATE, CANNOT_TELL, UNKNOWN, JointDiagnosis
-from hd_control.lab.models.answers import compare_task, joint_task
+from hd_control.lab.models.answers import checks_of, compare_task, joint_task
 from hd_control.lab.models.compare import JointComparison, noises_of
 from hd_control.lab.models.fit_model import FittedJoint, fit_joint
+from hd_control.lab.signals.delays import carried, in_time
 from hd_control.lab.signals.joint_signals import JointSignals, Recording
+from hd_control.lab.signals.sensors import sensor_qualities
 
 GIVEN, REFIT = "as given", "refit"
 """First rungs: the model as it is, and with its own values fitted again."""
 LIMIT = 6
+FITTED, SHOWN = 0.75, 0.2
+"""Share of a recording that is fitted, beside the part that decides when to stop; share that is shown, if one recording
+is all there is."""
 FLOOR_REACHED = 1.05
 ROSE = 1.01
 
 
 @dataclass(frozen=True)
 class Split:
-    """What is used for fitting and what for judging: two recordings, or two parts of one."""
+    """What is used for fitting, for the errors that are shown, and for stopping: recordings, or parts of one."""
 
     train: Recording
     held_out: Recording
+    stopping: Recording
+
+    @classmethod
+    def of(cls, fit: Recording, held_out: Recording) -> Split:
+        """Two recordings: the last part of the first one decides when to stop."""
+        cut = _cuts(fit, FITTED)
+        return cls(_part(fit, {}, cut), held_out, _part(fit, cut, {}))
 
 
 @dataclass(frozen=True)
 class LadderRung:
-    """One rung: errors RMS by channel, train and held out, in the channel's unit, and the model it belongs to."""
+    """One rung: errors RMS by channel, train and held out, in the channel's unit, and the model it belongs to.
+
+    `stopping`: errors on the part that decides when to stop, `stopping_floor` the noise there.
+    """
 
     effect: str
     parameters_count: int
@@ -49,6 +68,13 @@ class LadderRung:
     floor: Mapping[str, float]
     model: Model
     added: FittedJoint | None = None
+    stopping: Mapping[str, float] = field(default_factory=dict)
+    stopping_floor: Mapping[str, float] = field(default_factory=dict)
+
+    def stopping_ratio(self, channel: str) -> float:
+        """Error over the noise floor on the part that decides when to stop."""
+        floor = self.stopping_floor.get(channel)
+        return self.stopping[channel] / floor if floor else float("nan")
 
     def ratio(self, channel: str) -> float:
         """Held-out error over the noise floor."""
@@ -57,13 +83,15 @@ class LadderRung:
 
 @dataclass(frozen=True)
 class JointLadder:
-    """The rungs of a joint, why it ended, the last diagnosis, and the channel that the headline errors are of."""
+    """The rungs of a joint, why it ended, the last diagnosis, the channel that the headline errors are of; `notes`: the
+    measured delays that were taken out of the signals."""
 
     joint: str
     rungs: tuple[LadderRung, ...]
     stopped_because: str
     diagnosis: JointDiagnosis | None
     channel: str
+    notes: tuple[str, ...] = ()
 
     @property
     def model(self) -> Model:
@@ -85,6 +113,7 @@ class JointLadder:
                         "unit": UNITS[name],
                         "error_train": rung.train.get(name),
                         "error_held_out": error,
+                        "error_stopping": rung.stopping.get(name),
                         "noise_floor": rung.floor[name],
                     }
                     for name, error in rung.held_out.items()
@@ -93,7 +122,8 @@ class JointLadder:
             for rung in self.rungs
         ]
         unit = UNITS.get(self.channel, "")
-        return {"channel": self.channel, "unit": unit, "rungs": rungs, "stopped_because": self.stopped_because}
+        found = {"channel": self.channel, "unit": unit, "rungs": rungs, "stopped_because": self.stopped_because}
+        return found | {"notes": list(self.notes)}
 
 
 class _Judge:
@@ -102,6 +132,7 @@ class _Judge:
     def __init__(self, recording: Recording, joint: str) -> None:
         self.recording, self.joint = recording, joint
         self.noises: dict[str, Noise] = {}
+        self.sensors = sensor_qualities(recording.joints[joint])
         self._tasks: list[tuple[Model, Task]] = []
 
     def task(self, model: Model) -> Task:
@@ -115,19 +146,40 @@ class _Judge:
 
     def compare(self, model: Model) -> JointComparison:
         """The model as written; only the assembly zero is fitted."""
-        return compare_task(self.task(model), model, self.joint, self.noises)
+        return compare_task(self.task(model), model, self.joint, self.noises, self.sensors)
 
 
-def split_recording(recording: Recording, share: float = 0.7) -> Split:
-    """The first part of a recording for fitting, the rest for judging."""
-    cut = {name: round(share * joint.time.size) for name, joint in recording.joints.items()}
-    return Split(_part(recording, cut, True), _part(recording, cut, False))
+def split_recording(recording: Recording, shown: float = SHOWN) -> Split:
+    """One recording: its last part is shown, of the rest the last part decides when to stop, the first is fitted."""
+    cut = _cuts(recording, 1.0 - shown)
+    return Split.of(_part(recording, {}, cut), _part(recording, cut, {}))
+
+
+def _cuts(recording: Recording, share: float) -> dict[str, int]:
+    """Sample of each joint at which a share of its recording ends."""
+    return {name: round(share * joint.time.size) for name, joint in recording.joints.items()}
 
 
 def climb(split: Split, model: Model, joint: str, limit: int = LIMIT) -> JointLadder:
     """The ladder of one joint. Raises HdError if the signals allow no residual channel."""
+    task = joint_task(split.train, model, joint)
+    checks = checks_of(split.train, model, joint, task.equations)
+    delays, notes = carried(checks.delays)
+    parts = (with_delays(part, joint, delays) for part in (split.train, split.held_out, split.stopping))
+    split = Split(*parts) if delays else split
+    if checks.contradictions:
+        judges = [_Judge(part, joint) for part in (split.train, split.held_out, split.stopping)]
+        for judge in judges:
+            judge.noises = noises_of(judge.task(model))
+        why = f"signals and model contradict each other: {'; '.join(checks.contradictions)}"
+        return JointLadder(joint, (_rung(judges, GIVEN, model, joint),), why, None, "")
     found = _climb(split, model, joint, limit)
-    return replace(found, rungs=_with_possible_floors(found.rungs))
+    return replace(found, rungs=_with_possible_floors(found.rungs), notes=notes)
+
+
+def with_delays(recording: Recording, joint: str, delays: Mapping[str, float]) -> Recording:
+    """The recording with some signals of one joint read later, by s each."""
+    return replace(recording, joints={**recording.joints, joint: in_time(recording.joints[joint], delays)})
 
 
 def _with_possible_floors(rungs: tuple[LadderRung, ...]) -> tuple[LadderRung, ...]:
@@ -141,13 +193,15 @@ def _with_possible_floors(rungs: tuple[LadderRung, ...]) -> tuple[LadderRung, ..
 
 
 def _climb(split: Split, model: Model, joint: str, limit: int) -> JointLadder:
-    train, held = judges = _Judge(split.train, joint), _Judge(split.held_out, joint)
+    judges = tuple(_Judge(part, joint) for part in (split.train, split.held_out, split.stopping))
+    train, held, stopping = judges
     fitted = _refit(train, model, joint)
     refitted = _with(model, joint, fitted)
     dictionary = prepare(train.task(refitted))
-    train.noises, held.noises = dictionary.noises, noises_of(held.task(refitted))
+    train.noises = dictionary.noises
+    held.noises, stopping.noises = (noises_of(judge.task(refitted)) for judge in (held, stopping))
     rungs = [_rung(judges, GIVEN, model, joint), _rung(judges, REFIT, refitted, joint, fitted)]
-    channel = max(rungs[-1].held_out, key=rungs[-1].ratio, default="")
+    channel = max(rungs[-1].stopping, key=rungs[-1].stopping_ratio, default="")
     diagnosis: JointDiagnosis | None = None
     for step in range(limit):
         current = rungs[-1].model
@@ -200,27 +254,29 @@ def _nothing_to_add(diagnosis: JointDiagnosis) -> str:
 
 
 def _not_better(rung: LadderRung, last: LadderRung, channel: str) -> str:
-    """Why a rung does not stay: its error rose, or the held-out recording does not show the channel."""
-    if channel not in rung.held_out or channel not in last.held_out:
-        return f"the held-out recording does not show {channel}, so {rung.effect} cannot be judged; record a longer one"
-    if rung.held_out[channel] > ROSE * last.held_out[channel]:
+    """Why a rung does not stay: its error rose where nothing was fitted, or the data there do not show the channel."""
+    for seen in ("stopping", "held_out"):
+        if channel not in getattr(rung, seen) or channel not in getattr(last, seen):
+            what = f"the held-out recording does not show {channel}, so {rung.effect} cannot be judged"
+            return f"{what}; record a longer one"
+    if rung.stopping[channel] > ROSE * last.stopping[channel]:
         return f"{rung.effect} raised the held-out error of {channel}; it was left out"
     return ""
 
 
 def _floor(rung: LadderRung) -> str:
-    reached = rung.held_out and all(rung.ratio(name) <= FLOOR_REACHED for name in rung.held_out)
+    reached = rung.stopping and all(rung.stopping_ratio(name) <= FLOOR_REACHED for name in rung.stopping)
     return f"noise floor reached: held-out errors within {100 * (FLOOR_REACHED - 1):.0f} % of it" if reached else ""
 
 
 def _rung(
-    judges: tuple[_Judge, _Judge], effect: str, model: Model, joint: str, added: FittedJoint | None = None
+    judges: Sequence[_Judge], effect: str, model: Model, joint: str, added: FittedJoint | None = None
 ) -> LadderRung:
-    train, held = (judge.compare(model) for judge in judges)
+    train, *others = (judge.compare(model) for judge in judges)
     count = sum(len(values) for values in model.joint(joint).effects.values())
-    errors = [{name: channel.rms_error for name, channel in found.channels.items()} for found in (train, held)]
-    floor = {name: _held_out_floor(name, train, held) for name in held.channels}
-    return LadderRung(effect, count, errors[0], errors[1], floor, model, added)
+    errors = [{name: channel.rms_error for name, channel in found.channels.items()} for found in (train, *others)]
+    floors = [{name: _held_out_floor(name, train, other) for name in other.channels} for other in others]
+    return LadderRung(effect, count, errors[0], errors[1], floors[0], model, added, errors[2], floors[1])
 
 
 def _held_out_floor(name: str, train: JointComparison, held: JointComparison) -> float:
@@ -240,11 +296,9 @@ def _with(model: Model, joint: str, fitted: FittedJoint) -> Model:
     return replace(model, joints={**model.joints, joint: fitted.model})
 
 
-def _part(recording: Recording, cut: Mapping[str, int], first: bool) -> Recording:
-    joints = {}
-    for name, joint in recording.joints.items():
-        rows = slice(None, cut[name]) if first else slice(cut[name], None)
-        joints[name] = _cut(joint, rows)
+def _part(recording: Recording, first: Mapping[str, int], last: Mapping[str, int]) -> Recording:
+    """Samples from `first` to `last` of each joint; from the beginning or to the end where nothing is said."""
+    joints = {n: _cut(joint, slice(first.get(n), last.get(n))) for n, joint in recording.joints.items()}
     return replace(recording, joints=joints)
 
 

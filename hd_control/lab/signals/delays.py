@@ -10,8 +10,8 @@ signals at low frequency with exact derivatives and shifts, of which checks of s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -330,3 +330,39 @@ def best_shift(rows: SlowRows, name: str, columns: Sequence[FloatArray], minus: 
     gain = fit.rest / max(1e-300, float(np.sqrt(squares[count] / rows.usable.sum())))
     rest = fit.rest / max(1e-300, float(rows.rows(name)[rows.usable].std()))
     return Shift(name, seconds, fit.error(0), gain, 0.0 if minus is not None else rest, inside)
+
+
+# ---- Delays that are taken out ---------------------------------------------------------------------
+
+
+def carried(delays: Sequence[MeasuredDelay]) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Delays s by signal that a fit takes out of the signals, and words for them.
+
+    Only sure ones, and of two torques none, for perhaps only one is late. A motor torque that comes early is a drive
+    that answers late: that is an effect of the drive, and stays in.
+    """
+    sure = [delay for delay in delays if delay.sure]
+    torques = [delay for delay in sure if delay.against == MOTION]
+    chosen = [delay for delay in sure if delay.against != MOTION]
+    if len(torques) == 1 and (torques[0].signal != "motor_torque" or torques[0].seconds > 0.0):
+        chosen += torques
+    words = tuple(
+        f"{d.signal} taken {1e3 * abs(d.seconds):.3g} ms {'earlier' if d.seconds > 0.0 else 'later'}, as measured"
+        for d in chosen
+    )
+    return {delay.signal: delay.seconds for delay in chosen}, words
+
+
+def in_time(signals: JointSignals, delays: Mapping[str, float]) -> JointSignals:
+    """The signals with some of them read `delays` s later; what lies beyond the recording is missing (NaN)."""
+    from scipy.interpolate import CubicSpline
+
+    columns: dict[str, Any] = {}
+    valid = signals.valid
+    for name, late in delays.items():
+        column, at = getattr(signals, name), signals.time + late
+        moved = CubicSpline(signals.time, fill_gaps(column))(at)
+        index = np.clip(np.round(at / signals.period).astype(np.int64), 0, at.size - 1)
+        bad = ~np.isfinite(column)[index] | (at < signals.time[0]) | (at > signals.time[-1])
+        columns[name], valid = np.where(bad, np.nan, moved), valid & ~bad
+    return replace(signals, valid=valid, **columns)
