@@ -1,4 +1,4 @@
-"""Torque laws of other installed packages, for experiments: one class in Python, named in the entry-point group `GROUP`.
+"""Torque laws of other installed packages, for experiments: one class in Python, named in entry-point group `GROUP`.
 
 Such a law takes the interpreter lock in each tick, so its node is not real time; in lock-step that costs time and
 nothing else. Monitors, guard and gate stay in front of the drives whatever the law does.
