@@ -98,7 +98,7 @@ class LiveRobot:
         """Activates all nodes, the recorder with a new bag; returns the first tick of the phase."""
         session = self.session
         if not self._configured:
-            session.client.transition([process.path for process in session.processes], "configure", 15.0)
+            session.configure()
             self._configured = True
         refused = session.set_parameters("recorder_node", {"bag": str(bag), "attach": attach})
         first = max(session.tick(), 0)

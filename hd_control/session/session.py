@@ -328,8 +328,12 @@ class Session:
 
     def activate(self) -> None:
         """Configures all nodes at once, then activates them in order, the plant last."""
-        self.client.transition([process.path for process in self.processes], "configure", TRANSITION_TIMEOUT)
+        self.configure()
         self.activate_again()
+
+    def configure(self) -> None:
+        """Configures all nodes at once."""
+        self.client.transition([process.path for process in self.processes], "configure", TRANSITION_TIMEOUT)
 
     def activate_again(self) -> None:
         """Activates configured nodes in order, the plant last."""
