@@ -15,6 +15,8 @@ NO_STAMP: int
 NO_COMMAND: int
 RECORDER_BEHIND: int
 
+def bare_loop(period_ns: int, ticks: int) -> NDArray[int64]: ...
+
 _Numbers = NDArray[float64]
 _Step = Callable[[int], None] | object
 """A function of the tick, or a capsule "hd.step"."""

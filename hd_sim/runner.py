@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hd_control import _chain
-from hd_control.chain.chain import LAWS, chain_stages, shipped_values
+from hd_control.chain.chain import LAWS, add_stages, chain_stages, shipped_values
 from hd_control.chain.stage import Bus
 from hd_control.core import topics
 from hd_control.core.arrays import FloatArray
@@ -185,15 +185,7 @@ class Runner:
         chain[topics.TEMPERATURE] = {"temperature": self.world.seam.readings.motor_temperature}
         found.call(drive.look_capsule())
         found.call(drive.measure_capsule())
-        for _, stage in self.stages:
-            for topic, source, target in stage.copies(chain):
-                found.copy(source, target)
-                if topic == topics.TEMPERATURE:
-                    found.every(self.temperature_ticks)
-            if stage.input_ticks is not None:
-                found.stamp(stage.input_ticks)
-            found.call(stage.step_capsule())
-            chain |= stage.outgoing_arrays()
+        add_stages(found, [stage for _, stage in self.stages], chain, self.temperature_ticks)
         found.copy(self.torque.allowed, drive.incoming)
         found.call(drive.advance_promptly_capsule() if self.prompt else drive.advance_capsule())
         found.call(drive.take_capsule())

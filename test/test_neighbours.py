@@ -15,6 +15,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 TOPS = ("hd_control", "hd_sim")
 REASONS = {
+    "hd_control.bench.robot": "a process of its own beside the run: the bare loop",
     "hd_sim.drive_side": "the drives' electronics are a subject of their own: watchdog, guard, brake",
     "hd_control.bench.recording": "runs as a process of its own beside the recorder that it measures",
     "hd_control.bench.peers": "the only file that may import MuJoCo, which is an extra",

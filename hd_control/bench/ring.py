@@ -1,9 +1,8 @@
-"""How fast a ring of four processes is: the fast loop against the stock executor, and the real nodes.
+"""How fast a ring of four processes is: the fast loop against the stock executor.
 
     ring(10.0)                  -> RingResult of this package's loop, paced at 1 kHz
     stock_executor_ring(10.0)   -> the same ring with message objects, callbacks and a SingleThreadedExecutor
-    robot_ring(10.0)            -> plant, fusion, motion and torque node at 1 kHz
-    lockstep_ticks_per_second() -> the same in lock-step
+    lockstep_ticks_per_second() -> the real nodes in lock-step
 
 In `ring` each echo copies seven numbers, so its figures are those of the transport and the loop,
 without the laws.
@@ -28,7 +27,7 @@ from hd_control.core.errors import HdError
 from hd_control.nodes.process import prepare_environment, request_real_time, sleep_until, stop_on_signals
 from hd_control.record.cdr import new_run_id
 from hd_control.record.schema import joint_state_codec
-from hd_control.session.session import FOUR, Children, RunPlan, Session, child_environment, log_folder
+from hd_control.session.session import Children, RunPlan, Session, child_environment, log_folder
 
 if TYPE_CHECKING:
     from hd_control import _plane
@@ -75,22 +74,6 @@ def _run(kind: str, seconds: float, period: float) -> RingResult:
     if source.returncode != 0:
         raise HdError(f"the {kind} ring failed with exit code {source.returncode}")
     return RingResult(**json.loads(text.splitlines()[-1]))
-
-
-def robot_ring(seconds: float, one_process: bool = False) -> RingResult:
-    """Plant, fusion, motion and torque node at 1 kHz; one thread with `one_process`. Raises HdError if they fail."""
-    nodes = ("chain",) if one_process else FOUR
-    with Session(RunPlan(nodes=nodes), 1 + secrets.randbelow(100), log_folder()) as session:
-        session.activate()
-        session.stay(500)
-        session.wait_for(lambda: "late" in session.diagnostics(session.plant_node), 10.0, "no diagnostics")
-        first = session.diagnostics(session.plant_node)
-        time.sleep(seconds)
-        last = session.diagnostics(session.plant_node)
-    ticks, late, skipped = (int(last[name]) - int(first[name]) for name in ("ticks", "late", "skipped"))
-    total = max(1, ticks + skipped)
-    p50, p99 = (float(last.get(name, "nan")) for name in ("answer_p50_us", "answer_p99_us"))
-    return RingResult(p50, p99, 100.0 * (late + skipped) / total)
 
 
 def lockstep_ticks_per_second() -> float:

@@ -17,8 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from hd_control import _chain as _compiled
 from hd_control.bench.measure import Result, Timed, summarise, time_each
 from hd_control.bench.peers import compiled_plant, mujoco_peer, numpy_peer
+from hd_control.chain.chain import add_stages
 from hd_control.chain.replay import complete_values, read_replay_bag, replay
 from hd_control.chain.stage import Bus
 from hd_control.core.errors import ConfigError
@@ -35,16 +37,11 @@ from hd_sim.runner import Runner, RunSetup
 
 
 def ring_rows(runs: int, seconds: float) -> list[Result]:
-    """`ring_p50`, `ring_p99`, `ring_missed` with the stock executor, and `one_process_p50`.
-
-    The peer pair is the same ring of four processes that copy seven numbers; `robot_…` rows are the real nodes.
-    """
-    from hd_control.bench.ring import ring, robot_ring, stock_executor_ring
+    """`ring_p50`, `ring_p99`, `ring_missed` with the stock executor: four processes that copy seven numbers."""
+    from hd_control.bench.ring import ring, stock_executor_ring
 
     ours = [ring(seconds) for _ in range(runs)]
     stock = [stock_executor_ring(seconds) for _ in range(runs)]
-    robot = [robot_ring(seconds) for _ in range(runs)]
-    one = [robot_ring(seconds, one_process=True) for _ in range(runs)]
     found = []
     for name, unit, field in (
         ("ring_p50", "us", "p50"),
@@ -53,8 +50,34 @@ def ring_rows(runs: int, seconds: float) -> list[Result]:
     ):
         found.append(summarise(name, unit, [getattr(result, field) for result in ours]))
         found.append(summarise(name, unit, [getattr(result, field) for result in stock], "stock_executor"))
-        found.append(summarise(f"robot_{name}", unit, [getattr(result, field) for result in robot]))
-    return [*found, summarise("one_process_p50", "us", [result.p50 for result in one])]
+    return found
+
+
+ROBOT_ROWS = {"four": "robot_ring", "per_joint": "per_joint", "one": "one_process", "one_4khz": "one_process_4khz"}
+"""Form of a live run -> beginning of the names of its rows."""
+
+
+def robot_rows(runs: int, seconds: float, load: bool) -> list[Result]:
+    """The real nodes: `..._p50`, `..._p99` of the answer, `..._missed` ticks with a bare loop of the same seconds
+    beside them, and `..._stopped`, the share of runs that the safety gate ended.
+
+    With `load` each form runs a second time while ordinary programs keep every processor busy, as `..._loaded_...`.
+    """
+    from hd_control.bench.robot import live_run
+
+    found = []
+    for form, head in ROBOT_ROWS.items():
+        for loaded in (False, True) if load else (False,):
+            results = [live_run(form, seconds, loaded) for _ in range(runs)]
+            name = f"{head}_loaded" if loaded else head
+            found += [
+                summarise(f"{name}_p50", "us", [result.p50 for result in results]),
+                summarise(f"{name}_p99", "us", [result.p99 for result in results]),
+                summarise(f"{name}_missed", "%", [result.late for result in results]),
+                summarise(f"{name}_missed", "%", [result.bare_late for result in results], "bare_loop"),
+                summarise(f"{name}_stopped", "of runs", [float(result.stopped) for result in results]),
+            ]
+    return found
 
 
 def recorder_rows(runs: int, seconds: float) -> list[Result]:
@@ -138,16 +161,13 @@ def _gate(runner: Runner) -> Callable[[], None]:
 
 
 def _chain(runner: Runner, bus: Bus) -> Callable[[], None]:
-    """The three stages with the gate, as a node or the runner calls them, on frozen sensor readings."""
-    first = runner.tick
+    """The three stages with monitors, guard and gate, as a loop runs them, on frozen sensor readings."""
+    first, sequence = runner.tick, _compiled.Sequence()
+    add_stages(sequence, [stage for _, stage in runner.stages], bus)
 
     def call() -> None:
         nonlocal first
-        for tick in range(first, first + REPEAT):
-            topics = dict(bus)
-            for _, stage in runner.stages:
-                topics.update(stage.step(tick, topics))
-        first += REPEAT
+        first += sequence.run(first, REPEAT)
 
     return call
 
@@ -169,12 +189,11 @@ def law_rows(runs: int) -> list[Result]:
 
 def lockstep_row(runs: int) -> list[Result]:
     """`lockstep_pure`: simulated seconds per s of processor time, full chain and plant, seven joints, no recording."""
-    samples, ticks = [], 2000
+    samples, ticks = [], 20_000
     for _ in range(runs):
         runner, _ = warm_runner()
         start = time.process_time()
-        for _ in range(ticks):
-            runner.step()
+        runner.run_on(ticks)
         samples.append(ticks * runner.period / (time.process_time() - start))
     return [summarise("lockstep_pure", "x real time", samples)]
 

@@ -9,10 +9,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from hd_control import _chain
 from hd_control.chain.fusion_stage import FusionStage
 from hd_control.chain.motion_stage import MotionStage
-from hd_control.chain.stage import Stage
+from hd_control.chain.stage import Bus, Stage
 from hd_control.chain.torque_stage import TorqueStage
+from hd_control.core import topics
 from hd_control.core.parameters import Change, Parameter, ParameterSet, Shape
 from hd_control.core.resources import config_path
 from hd_control.core.robot import Robot
@@ -51,6 +53,23 @@ def chain_stages(robot: Robot, period: float, values: Values, limits: SafetyLimi
     for numbers, columns in found.fusion.signals():
         found.torque.watch(robot.joint_names, numbers, columns)
     return found
+
+
+def add_stages(sequence: _chain.Sequence, stages: Sequence[Stage], bus: Bus, temperature_ticks: int = 1) -> Bus:
+    """Adds the stages to a compiled list, in order; what one makes is copied to where the next reads it.
+
+    `bus`: where the sensors' numbers are. Temperatures are copied every so many ticks. Returns the bus with all outputs.
+    """
+    for stage in stages:
+        for topic, source, target in stage.copies(bus):
+            sequence.copy(source, target)
+            if topic == topics.TEMPERATURE:
+                sequence.every(temperature_ticks)
+        if stage.input_ticks is not None:
+            sequence.stamp(stage.input_ticks)
+        sequence.call(stage.step_capsule())
+        bus = bus | stage.outgoing_arrays()
+    return bus
 
 
 def torque_stage(robot: Robot, period: float, values: Mapping[str, Any], limits: SafetyLimits) -> TorqueStage:

@@ -17,7 +17,7 @@ EXAMPLE = """hd bench --only plant laws --runs 20
   hd bench --growth --png pictures --json bench.json"""
 SCHEMA = "hd.bench/1"
 CURVES = ("decoding", "replay", "joints", "length", "rate", "ring")
-GROUPS = ("plant", "laws", "runner", "records", "replay", "start", "workbench", "lockstep", "ring", "recorder")
+GROUPS = ("plant", "laws", "runner", "records", "replay", "start", "workbench", "lockstep", "ring", "robot", "recorder")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,6 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--only", nargs="*", choices=GROUPS, default=list(GROUPS), help="groups to run [all]")
     parser.add_argument("--runs", type=int, default=15, help="runs of each short measurement [15]")
     parser.add_argument("--seconds", type=float, default=10.0, help="length of each live run [10]")
+    parser.add_argument("--load", action="store_true", help="live nodes also beside programs that keep the machine busy")
     parser.add_argument(
         "--growth",
         nargs="*",
@@ -161,6 +162,7 @@ def _groups(arguments: argparse.Namespace) -> dict[str, Callable[[], tuple[list[
         "start": lambda: (rows.start_rows(runs), []),
         "lockstep": lambda: (rows.lockstep_rows(few), []),
         "ring": lambda: (rows.ring_rows(few, arguments.seconds), []),
+        "robot": lambda: (rows.robot_rows(few, arguments.seconds, arguments.load), []),
         "recorder": lambda: (rows.recorder_rows(few, arguments.seconds), []),
     }
 

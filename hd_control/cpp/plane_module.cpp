@@ -5,6 +5,7 @@
 #include <pybind11/stl.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -278,7 +279,24 @@ py::tuple answers_after(const hd::Statistics& statistics, std::int64_t count) {
     return py::make_tuple(all, found);
 }
 
+// How late a thread wakes that does nothing but sleep, ns per tick: what the machine itself does to every loop.
+py::array_t<std::int64_t> bare_loop(std::int64_t period_ns, std::size_t ticks) {
+    if (period_ns <= 0) refuse("the period must be positive");
+    py::array_t<std::int64_t> late(static_cast<py::ssize_t>(ticks));
+    std::int64_t* found = late.mutable_data();
+    const py::gil_scoped_release released;
+    std::int64_t deadline = hd::steady_ns();
+    for (std::size_t i = 0; i < ticks; ++i) {
+        deadline += period_ns;
+        const timespec until{static_cast<time_t>(deadline / 1000000000), static_cast<long>(deadline % 1000000000)};
+        while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr) == EINTR) {}
+        found[i] = hd::steady_ns() - deadline;
+    }
+    return late;
+}
+
 void bind_parts(py::module_& m) {
+    m.def("bare_loop", &bare_loop, py::arg("period_ns"), py::arg("ticks"));
     py::class_<hd::Statistics>(m, "Statistics")
         .def(py::init<>())
         .def("tick", &hd::Statistics::tick)

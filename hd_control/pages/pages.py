@@ -103,6 +103,27 @@ SIGNAL_MEANINGS: dict[str, str] = {
 FILE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "bench.json"
 PICTURE = FILE.parents[1] / "pictures" / "bench_growth.png"
 COMMAND = "hd bench --growth --runs 5 --seconds 3 --png docs/pictures --json docs/reference/bench.json --force"
+
+
+def _robot_meanings() -> dict[str, str]:
+    """The rows of the real nodes, idle and beside busy programs."""
+    forms = {
+        "robot_ring": "four processes and a recorder, real laws, 1 kHz",
+        "per_joint": "a torque process for each of seven joints, and a recorder",
+        "one_process": "`chain` with plant in one process",
+        "one_process_4khz": "the same at 4 kHz",
+    }
+    what = {
+        "p50": "answer",
+        "p99": "answer",
+        "missed": "commands late or ticks slept through",
+        "stopped": "runs that the safety gate ended",
+    }
+    load = {"": "", "_loaded": ", every processor busy"}
+    return {f"{form}{tail}_{row}": f"{title}{busy}: {what[row]}"
+            for form, title in forms.items() for tail, busy in load.items() for row in what}  # fmt: skip
+
+
 MEANINGS = {
     "plant_5_substeps": "plant, 7 joints, 5 substeps per ms",
     "plant_10_substeps": "the same, 10 substeps",
@@ -122,10 +143,7 @@ MEANINGS = {
     "ring_p50": "four processes that copy seven numbers, 1 kHz: round trip",
     "ring_p99": "the same",
     "ring_missed": "the same: ticks not back in time",
-    "robot_ring_p50": "the real nodes, 1 kHz: round trip",
-    "robot_ring_p99": "the same",
-    "robot_ring_missed": "the same: ticks not back in time",
-    "one_process_p50": "`chain` with plant in one thread over the same topics",
+    **_robot_meanings(),
     "recorder_share": "of one processor, eleven topics at 1 kHz recorded",
     "recorder_lost": "the same: published less what is in the bag",
     "recorder_loaded_share": "the same while ordinary programs keep every processor busy",

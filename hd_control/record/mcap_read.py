@@ -7,6 +7,7 @@ Parts first, then `McapSource`, which puts them together.
 
 from __future__ import annotations
 
+import contextlib
 import mmap
 import re
 import struct
@@ -133,7 +134,8 @@ class MappedFile:
     def release(self) -> None:
         """Gives the pages that were read back to the system; they come again when they are needed."""
         if hasattr(mmap, "MADV_DONTNEED"):
-            self._map.madvise(mmap.MADV_DONTNEED)
+            with contextlib.suppress(OSError):  # pages of a process that has locked its memory stay
+                self._map.madvise(mmap.MADV_DONTNEED)
 
     def crc32(self, end: int) -> int:
         """CRC of the bytes before `end`."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -45,6 +47,45 @@ def test_every_row_of_the_interface_is_in_the_stored_run() -> None:
     assert set(pages.MEANINGS) >= NAMES
     peers = {(row["name"], row["peer"]) for row in document["results"] if row["peer"]}
     assert {("ring_p50", "stock_executor"), ("decode_messages", "rosbags_raw"), ("plant_5_substeps", "mujoco")} <= peers
+
+
+def test_live_rows_have_a_bare_loop_beside_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    from hd_control.bench import robot
+
+    asked: list[tuple[str, bool]] = []
+
+    def run(form: str, seconds: float, loaded: bool) -> robot.LiveResult:
+        asked.append((form, loaded))
+        return robot.LiveResult(250.0, 400.0, 0.5, 0.125, form == "per_joint")
+
+    monkeypatch.setattr(robot, "live_run", run)
+    found = {(row.name, row.peer): row.median for row in rows.robot_rows(2, 1.0, True)}
+    assert found["robot_ring_loaded_missed", None] == 0.5 and found["robot_ring_loaded_missed", "bare_loop"] == 0.125
+    assert found["per_joint_stopped", None] == 1.0 and found["one_process_p50", None] == 250.0
+    assert set(asked) == {(form, loaded) for form in robot.FORMS for loaded in (False, True)} and len(asked) == 16
+    assert {name for name, _ in found} <= set(pages.MEANINGS)
+    assert {name for name, _ in ((row.name, row.peer) for row in rows.robot_rows(1, 1.0, False))} < {n for n, _ in found}
+
+
+def test_every_form_of_a_live_run_names_its_processes(tmp_path: Path) -> None:
+    from hd_control.bench import robot
+
+    count = {form: len(make(tmp_path).processes()) for form, make in robot.FORMS.items()}
+    assert count == {"four": 5, "per_joint": 11, "one": 1, "one_4khz": 1}
+    text = (tmp_path / "arm_4khz.yaml").read_text()
+    assert f"period: {robot.FAST_PERIOD}" in text and f"substeps_per_ms: {robot.FAST_SUBSTEPS}" in text
+
+
+def test_the_bare_loop_counts_every_millisecond_and_a_late_one() -> None:
+    from hd_control import _plane
+
+    late = _plane.bare_loop(100_000, 50)
+    assert late.shape == (50,) and (late >= 0).all(), "a thread never wakes too early"
+    command = [sys.executable, "-m", "hd_control.bench.robot", "0.02"]
+    found = subprocess.run(command, capture_output=True, check=True, timeout=60.0)
+    assert 0.0 <= json.loads(found.stdout) <= 100.0
+    with pytest.raises(ValueError, match="period"):
+        _plane.bare_loop(0, 1)
 
 
 def test_bad_numbers_are_refused_before_any_work(capsys: pytest.CaptureFixture[str]) -> None:
