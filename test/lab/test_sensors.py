@@ -101,7 +101,7 @@ def test_a_mean_over_each_tick_is_taken_back(rng: np.random.Generator) -> None:
     assert sensor_qualities(said)["motor_torque"].noise == pytest.approx(TORQUE, rel=0.12)
     assert sensor_qualities(said)["motor_torque"].averaged
     unsaid = sensor_qualities(replace(said, grains={}))["motor_torque"]
-    assert unsaid.noise < 0.75 * TORQUE, "and without being told it would come out too low"
+    assert unsaid.noise < 0.75 * TORQUE, "and unless it is said it would come out too low"
 
 
 def test_a_sensor_that_is_read_more_often_than_it_measures(rng: np.random.Generator) -> None:

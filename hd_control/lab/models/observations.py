@@ -1,4 +1,4 @@
-"""What a recording shows of one joint without asking what its model lacks: sensors, delays, friction curve, spectra.
+"""What a recording shows of one joint without asking what its model misses: sensors, delays, friction curve, spectra.
 
 These are there also when a diagnosis refuses: people look for them first.
 """
