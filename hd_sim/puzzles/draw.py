@@ -280,8 +280,8 @@ def unknown_named(name: str) -> Unknown:
     """What a right answer says of an effect that no library names, of either world."""
     if name in UNKNOWN:
         return UNKNOWN[name]
-    channels, variables = UNNAMED[name][1].channels, UNNAMED[name][1].variables
-    return Unknown(channels, variables)
+    answer = UNNAMED[name][1]
+    return Unknown(answer.channels, answer.variables, answer.also)
 
 
 SUBSTITUTES = {"torsional_hysteresis": "maxwell_slip_hysteresis", "presliding": "maxwell_slip_friction"}

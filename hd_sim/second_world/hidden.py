@@ -24,10 +24,12 @@ PLACES = ("tooth_angle", "cable_angle")
 
 @dataclass(frozen=True)
 class Outside:
-    """A right answer for an effect without a name: channels where it shows, variables that it depends on."""
+    """A right answer for an effect without a name: channels where it shows, variables that it depends on, names that
+    say the same."""
 
     channels: tuple[str, ...]
     variables: tuple[str, ...]
+    also: tuple[str, ...] = ()
 
 
 def _either(rng: Generator) -> float:
@@ -238,7 +240,10 @@ KNOWN: dict[str, Make] = {
 UNNAMED: dict[str, tuple[Make, Outside]] = {
     "viscous_over_angle": (_viscous_over_angle, Outside(("motor_torque",), ("joint_position",))),
     "coulomb_over_angle": (_coulomb_over_angle, Outside(("motor_torque",), ("joint_position",))),
-    "viscous_over_load": (_viscous_over_load, Outside(("motor_torque",), ("joint_torque",))),
+    "viscous_over_load": (
+        _viscous_over_load,
+        Outside(("motor_torque",), ("joint_torque",), ("load_dependent_friction",)),
+    ),
     "friction_jump": (_friction_step, Outside(("motor_torque",), ("time",))),
     "damaged_tooth": (_damaged_tooth, Outside(("transmission",), ("joint_position",))),
     "hose_torque": (_cable, Outside(("link_torque",), ("joint_position",))),

@@ -62,6 +62,15 @@ def test_what_the_world_always_has_is_neutral_within_its_bounds_only():
         assert score.wrong == wrong and score.false_alarm is bool(wrong)
 
 
+def test_friction_that_grows_with_the_load_may_be_called_so():
+    truth = {"names": [], "unknown": ["viscous_over_load"], "parameters": {}}
+    tolerated = record_second(chosen_second(5, {"viscous_over_load": 1.0})).case.tolerated
+    score = score_joint(answer("load_dependent_friction"), truth, tolerated)
+    assert tolerated == ("load_dependent_friction",) and score.unknown_flagged and score.unknown_variable
+    other = score_joint(answer("payload"), truth, tolerated)
+    assert other.wrong == ("payload",) and not other.unknown_flagged
+
+
 def test_the_oracle_is_the_likelihood_of_a_dense_solve():
     """Gain = 1/2 y' V^-1 y, V the covariance of all readings of a short run, built without a filter."""
     plant = draw_plant(6)
