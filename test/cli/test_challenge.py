@@ -149,6 +149,8 @@ def test_a_challenge_of_the_second_world(tmp_path, capsys):
     assert main(["challenge", "new", *options]) == 0
     joint = open_seal(path / "truth.seal")["joints"]["joint_1"]
     assert joint["names"] == ["gauge_gain"] and joint["visibility"]["gauge_gain"] > 0.0
+    outside = [file for file in path.rglob("*") if file.is_file() and file.name != "truth.seal"]
+    assert outside and not [file for file in outside if b"gauge_gain" in file.read_bytes()]
     assert main(["challenge", "check", str(path), _diagnosis(tmp_path, "gauge_gain", "presliding")]) == 0
     wrong = ["challenge", "new", "--world", "second", "--motion", "slow_only", "-o", str(tmp_path / "x")]
     assert main(wrong) == 2 and "expected one of general, sine" in capsys.readouterr().err

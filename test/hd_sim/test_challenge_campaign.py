@@ -21,16 +21,19 @@ def refuses(question):
     raise BagError("no signals")
 
 
-def test_the_question_holds_nothing_of_the_case():
+@pytest.mark.parametrize("world", ["home", "second", "real_like"])
+def test_the_question_holds_nothing_of_the_case(world):
     seen = []
 
     def look(question):
         seen.append(question)
         return adequate(question)
 
-    entry = run_one(Campaign(1, 17, "one"), 17, look)
-    assert set(vars(seen[0])) == {"period", "fit", "held_out", "model"}
-    assert "strength" not in json.dumps(seen[0].model)
+    entry = run_one(Campaign(1, 17, "one", world=world), 17, look)
+    assert set(vars(seen[0])) == {"period", "fit", "held_out", "model"} and entry["world"] == world
+    assert "strength" not in json.dumps(seen[0].model) and "visibility" not in json.dumps(seen[0].model)
+    known = {"time", "reference_position", "temperature", "motor_shaft_position", "joint_position", "gauge_torque"}
+    assert set(seen[0].fit) <= known | {"motor_torque"}
     assert entry["category"] == "one" and entry["score"]["missed"] == entry["names"]
 
 
@@ -56,6 +59,12 @@ def test_after_a_refusal_the_judge_plays_the_experiment():
     assert entry["score"]["refused"] and entry["score_after_experiment"]["correct"]
     rows = {row.name: row for row in make_table([entry])}
     assert rows["poor recording: refused, right after a general one"].hits == 1
+
+
+def test_both_worlds_take_turns():
+    campaign = Campaign(4, 10, world="both")
+    assert [campaign.world_of(seed) for seed in campaign.seeds()] == ["home", "second", "home", "second"]
+    assert Campaign(1, 3, world="second").world_of(3) == "second" and Campaign(1, 3).world_of(3) == "home"
 
 
 def test_an_interrupted_campaign_goes_on_where_it_stopped(tmp_path):
@@ -85,6 +94,8 @@ def test_a_foreign_or_other_record_is_refused(tmp_path):
     list(run_campaign(Campaign(1, 1, "poor"), adequate, record=other))
     with pytest.raises(ConfigError, match="kind poor"):
         read_record(other, Campaign(1, 1, "mix"))
+    with pytest.raises(ConfigError, match="world home"):
+        read_record(other, Campaign(1, 1, "poor", world="second"))
     foreign = tmp_path / "foreign.jsonl"
     foreign.write_text('{"schema": "something"}\n')
     with pytest.raises(ConfigError, match="not a record"):
