@@ -35,6 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Runs until Ctrl-C, a node's end or the given number of ticks; 1 if a node failed."""
     from hd_control.cli.options import say
     from hd_control.core.errors import HdError
+    from hd_control.papers.shipped import departures
     from hd_control.session.session import Session
 
     plan = make_plan(arguments)
@@ -42,6 +43,10 @@ def run(arguments: argparse.Namespace) -> int:
         arguments,
         "This is no safety function: a real arm needs a hardware emergency stop, drive limits and brakes of its own.",
     )
+    if not arguments.params:
+        say(arguments, "settings: the gains of Zhu's Tables I and II, shipped with these differences:")
+        for text in departures():
+            say(arguments, f"  {text}")
     session = Session(plan, real_time=False if arguments.no_real_time else None)
     try:
         with session:

@@ -290,7 +290,7 @@ def _tolerance_row(found: Mapping[Case, Outcome], joint: int, seed: int) -> Row:
     text = f"most samples of delay (0 to {DELAYS[-1]}) with an error below {UNSTABLE:g} x that without; 0.5 Hz, 1 kHz; "
     return Row(
         f"zhu.delay.tolerance.joint_{joint}", PAPER, "section V", "samples", None, float(stable), None,
-        text + "16 bits, paper's law", chosen=chosen(),
+        text + describe({"options": PLAIN}), chosen=chosen(),
     )  # fmt: skip
 
 

@@ -11,7 +11,18 @@ import numpy as np
 
 from hd_control.papers.baselines import BASELINES
 from hd_control.papers.rows import Row, load_constants, over_seeds
-from hd_control.papers.zhu_options import FAST, FIXED, IMPROVED, PLAIN, STIFF, Case, plant_of, setup_of
+from hd_control.papers.zhu_options import (
+    FAST,
+    FIXED,
+    IMPROVED,
+    OPEN,
+    PLAIN,
+    STIFF,
+    Case,
+    combined,
+    plant_of,
+    setup_of,
+)
 from hd_control.papers.zhu_runs import Outcome
 
 PAPER = "zhu"
@@ -34,16 +45,26 @@ DRIVE_SETTINGS = (
 Set = dict[str, Any]
 SETS: dict[str, Set] = {
     "plain": {"options": PLAIN},
+    "literal": {"options": ("literal", *OPEN)},
     "": {"options": IMPROVED},
     "known_80": {"options": IMPROVED, "knowledge": KNOWN},
     "plain.bristle": {"options": PLAIN, "friction": "bristle"},
     "bristle": {"options": IMPROVED, "friction": "bristle"},
     "4khz": {"options": FAST},
     "4khz.plain": {"options": ("fast_loop", "fine_sensor")},
+    "4khz.literal": {"options": ("literal", "fast_loop", "fine_sensor", *OPEN)},
     "4khz.known_80": {"options": FAST, "knowledge": KNOWN},
     "4khz.stiff_motion": {"options": STIFF},
 }
-"""Suffix of the row to its settings; the row without suffix is the improved law at 1 kHz."""
+"""Suffix of the row to its settings; the row without suffix is the improved law at 1 kHz. Rows that copy the plant's
+truth say so in their conditions."""
+VARIANTS = {
+    "stiffness_only": "Remark 3.2 in place of (5): d is not used",
+    "literal": "(5)-(9) to the letter",
+    "filtered": "(5) with filtered differences",
+}
+"""Form of the wanted torsion's derivatives -> words in every condition of the paper's law."""
+LOOP_OPTIONS = ("fast_loop", "fine_sensor", "open_gate")
 QUICK_SETS = ("plain", "")
 SEVERAL_SEEDS = ("plain", "", "known_80", "4khz", "4khz.known_80")
 
@@ -115,12 +136,15 @@ def differences() -> list[Row]:
     setup = setup_of(Case("arm_a", ("coordinated",)))
     used = {**setup.node_values("motion_node"), **setup.node_values("torque_node")}
     used["adaptation_gain_compliance"] = used["adaptation_scale"] * np.asarray(used["adaptation_gain_compliance"])
+    unused = ("table_2_damping_time",) if used["compliance_derivative"] == "stiffness_only" else ()
     made = []
     for table in (1, 2):
         prefix = f"table_{table}_"
-        printed = [c for c in load_constants(PAPER) if c.name.startswith(prefix)]
+        printed = [c for c in load_constants(PAPER) if c.name.startswith(prefix) and c.name not in unused]
         wrong = sum(int(np.sum(np.asarray(used[c.name[len(prefix):]]) != c.value)) for c in printed)  # fmt: skip
         text = f"{sum(len(c.value) for c in printed)} numbers of Table {'I' * table}, option paper"
+        left = [c.symbol for c in load_constants(PAPER) if c.name in unused and c.name.startswith(prefix)]
+        text += f"; {', '.join(left)} is not counted, Remark 3.2 does not use it" if left else ""
         made.append(
             Row(f"zhu.table{table}.differences", PAPER, f"Table {'I' * table}", "-", 0.0, float(wrong), 0.0, text)
         )
@@ -163,9 +187,8 @@ def _baseline_row(found: Mapping[Case, Outcome], name: str, seeds: Sequence[int]
     means = [geometric_mean(found, table_cases(baseline=name, seed=seed)) for seed in seeds]
     law = next(b for b in BASELINES if b.name == name)
     gains = f"lambda x {law.position:g}, k_p x {law.velocity:g}, k_I x {law.integral:g} of Table II"
-    return _ratio(
-        f"zhu.baseline.{name}.geomean_ratio", means, f"{law.law}, {gains}; {describe({'options': PLAIN})}", None
-    )
+    instead = describe({"options": PLAIN, "baseline": name})
+    return _ratio(f"zhu.baseline.{name}.geomean_ratio", means, f"{law.law}, {gains}; instead of {instead}", None)
 
 
 def _ratio(place: str, means: float | Sequence[float], conditions: str, target: float | None) -> Row:
@@ -184,9 +207,24 @@ def describe(settings: Mapping[str, Any]) -> str:
     case = Case("single_joint_3", ("slow",), **settings)
     config = plant_of(case)
     setting = f"{1e-3 / config.period:g} kHz, {config.drives['resolver_bits'][0]:g} bits, delay {case.delay}"
-    share = f", knows {100 * case.knowledge:g} % of friction and KE" if case.knowledge != 1.0 else ""
-    extra = " + ".join(name for name in case.options if name not in ("fast_loop", "fine_sensor", "open_gate"))
-    return f"{setting}, {case.friction} friction, set S{share}; paper's law{' + ' + extra if extra else ''}"
+    extra = " + ".join(name for name in case.options if name not in (*LOOP_OPTIONS, *VARIANTS))
+    variant = "" if case.baseline else f" ({VARIANTS[variant_of(case)]})"
+    law = f"paper's law{variant}{' + ' + extra if extra else ''}"
+    return f"{setting}, {case.friction} friction, set S{_knowledge(case)}; {law}"
+
+
+def variant_of(case: Case) -> str:
+    """Which form of (5) a case runs with."""
+    return str(combined(case.options)["torque_node"]["compliance_derivative"])
+
+
+def _knowledge(case: Case) -> str:
+    """Where the law's friction and kinematic error come from, as a part of the conditions; nothing if it has none."""
+    known = {"identified_friction": "friction", "kinematic_feedforward": "KE"}
+    names = " and ".join(word for option, word in known.items() if option in case.options)
+    if not names:
+        return ""
+    return f", {names} copied from the plant's truth ({100 * case.knowledge:g} %)"
 
 
 @lru_cache

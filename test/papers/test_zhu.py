@@ -116,3 +116,22 @@ def test_the_first_unstable_delay_ends_the_tolerance():
     assert zhu_checks._first_run([1.0, 1.5, 3.0, 1.0], 2.0) == 1
     assert zhu_checks._first_run([1.0, math.nan, 1.0], 2.0) == 0
     assert zhu_checks._first_run([1.0, 1.0], 2.0) == 1
+
+
+def test_conditions_name_the_variant_and_where_the_knowledge_comes_from(monkeypatch):
+    monkeypatch.setattr(zhu, "play_all", lambda cases, progress: {case: outcome(case) for case in cases})
+    made = {row.id: row.conditions for row in zhu.rows(False, 0, print, 1)}
+    law = {name: text for name, text in made.items() if "paper's law" in text and " instead of " not in text}
+    assert law and all("Remark 3.2" in t or "(5)-(9)" in t or "filtered differences" in t for t in law.values())
+    for name in ("", ".4khz", ".known_80"):
+        assert "friction and KE copied from the plant's truth" in made[f"zhu.table3.geomean_ratio{name}"]
+    assert "truth" not in made["zhu.table3.geomean_ratio.plain"]
+    for text in (text for name, text in made.items() if name.startswith("zhu.coordinated")):
+        assert "identified_friction" not in text or "copied from the plant's truth" in text
+    assert "(5)-(9) to the letter" in made["zhu.table3.geomean_ratio.literal"]
+    assert "d is not counted" in made["zhu.table2.differences"]
+
+
+def test_the_literal_law_runs_the_literal_law():
+    values = setup_of(Case("single_joint_3", ("slow",), ("literal",))).node_values("torque_node")
+    assert values["compliance_derivative"] == "literal" and values["damping_time"] == [1e-3]
