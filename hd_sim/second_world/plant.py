@@ -15,8 +15,10 @@ from hd_sim.second_world.motion import Motion, Room
 JOINT = "joint_1"
 PERIOD = 1.0e-3
 """s between two samples."""
-SUBSTEPS = 24
-"""Runge-Kutta steps per millisecond."""
+SUBSTEPS = (24, 48, 96, 192)
+"""Runge-Kutta steps per millisecond: the first number that resolves the bristles at full speed."""
+FASTEST = 1.4
+"""rad/s, of all motions."""
 GRAVITY = 9.81
 COLUMNS = (
     "motor_shaft_position",
@@ -246,15 +248,31 @@ def _urdf(v: Mapping[str, float], inertia: float) -> str:
 """
 
 
+def substeps_of(plant: Plant) -> int:
+    """Substeps per sample: a sliding bristle settles at speed over deflection, 1/s, and a step of the Runge-Kutta
+    scheme must be shorter than 2 of these times (its limit is 2.78)."""
+    v = plant.values
+    weakest = (
+        (1.0 - abs(v["coulomb_asymmetry"]))
+        * (1.0 - abs(v["coulomb_over_angle"]))
+        * (1.0 + min(0.0, v["friction_step"]))
+    )
+    needed = PERIOD * FASTEST / (2.0 * v["bristle_travel"] * max(weakest, 1e-3))
+    return next((n for n in SUBSTEPS if n >= needed), SUBSTEPS[-1])
+
+
 def simulate(
-    plant: Plant, motion: Motion, number: int = 0, substeps: int = SUBSTEPS
+    plant: Plant, motion: Motion, number: int = 0, substeps: int = 0
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """Recording `number` of a motion: columns (n,) as `COLUMNS` and `time`, and true columns as `TRUTHS`."""
+    """Recording `number` of a motion: columns (n,) as `COLUMNS` and `time`, and true columns as `TRUTHS`.
+
+    substeps: per sample, a multiple of 4; 0 for as many as the joint needs.
+    """
     count = motion.position.size
     draws = stream(plant.seed, f"noise/{number}").standard_normal((count, _second_world.DRAWS))
     windows = [list(window) for window in plant.windows]
     readings, truths = _second_world.record(
-        plant.array(), windows, motion.position, motion.velocity, draws, PERIOD, substeps
+        plant.array(), windows, motion.position, motion.velocity, draws, PERIOD, substeps or substeps_of(plant)
     )
     columns = {name: np.ascontiguousarray(readings[:, i]) for i, name in enumerate(COLUMNS)}
     columns["time"] = np.arange(count, dtype=np.float64) * PERIOD

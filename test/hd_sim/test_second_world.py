@@ -12,13 +12,13 @@ from hd_control.drive.library import names_that_may_be_missing
 from hd_sim import _second_world
 from hd_sim.second_world.hidden import KNOWN, UNNAMED, hide, in_recording, true_parameters
 from hd_sim.second_world.motion import MOTIONS
-from hd_sim.second_world.plant import PERIOD, draw_plant, simulate, stream
+from hd_sim.second_world.plant import PERIOD, draw_plant, simulate, stream, substeps_of
 
 ROOT = Path(__file__).resolve().parents[2]
 SMOOTH = {"coulomb": 0.0, "viscous": 0.0, "torsional_damping": 0.0, "ripple_share": 0.0}
 
 
-def played(plant, seconds=3.0, number=0, substeps=24):
+def played(plant, seconds=3.0, number=0, substeps=0):
     reference = MOTIONS["general"](stream(plant.seed, "test"), plant.room(), seconds)
     return simulate(in_recording(plant, number, seconds), reference, number, substeps)
 
@@ -195,6 +195,34 @@ def test_smaller_steps_change_nothing_that_a_sensor_sees():
     coarse, fine = (played(plant, substeps=n)[1] for n in (24, 96))
     assert np.abs(coarse["joint_position"] - fine["joint_position"]).max() < 2e-6
     assert np.abs(coarse["joint_torque"] - fine["joint_torque"]).max() < 2e-3 * plant.values["rated_torque"]
+
+
+def sliding_friction(plant, substeps, speed=-1.3):
+    """Friction torque of a rotor too heavy to be slowed down, over the last of 50 ms; and what it should be."""
+    heavy = dict.fromkeys(("rotor_inertia", "link_inertia"), 1e9) | {"viscous": 0.0, "bristle_damping": 0.0}
+    joint = _second_world.Joint(plant.with_values(heavy).array())
+    joint.rest(0.0)
+    state = joint.state
+    state[1] = state[3] = speed
+    joint.place(state)
+    joint.step(1e-3 / substeps, 0.0, 49 * substeps)
+    found = []
+    for _ in range(substeps):
+        joint.step(1e-3 / substeps, 0.0, 1)
+        found.append(joint.torques()[1])
+    return np.array(found), plant.values["coulomb"] * np.sign(speed) * (1.0 - plant.values["coulomb_asymmetry"])
+
+
+def test_weak_bristles_get_the_steps_that_they_need():
+    """Explicit steps longer than 2.78 settling times of a bristle make the friction chatter."""
+    usual = draw_plant(7).with_values({"bristle_travel": 4e-5})
+    weak = usual.with_values({"coulomb_asymmetry": 0.85})
+    assert (substeps_of(usual), substeps_of(weak)) == (24, 192)
+    for plant in (usual, weak):
+        friction, expected = sliding_friction(plant, substeps_of(plant))
+        assert friction == pytest.approx(expected, rel=1e-6)
+    chatter, expected = sliding_friction(weak, 24)
+    assert np.abs(chatter / expected - 1.0).max() > 0.5
 
 
 def test_a_seed_gives_the_same_recording_and_each_number_another_one():
