@@ -48,8 +48,8 @@ def until(true: Callable[[], Any]) -> bool:
 class Robot:
     """What a recorder waits for, published a thousand times a second from a thread; stamps are wall times."""
 
-    def __init__(self, qos: QoSProfile) -> None:
-        self.node = rclpy.create_node("robot")
+    def __init__(self, space: str, qos: QoSProfile) -> None:
+        self.node = rclpy.create_node("robot", namespace=space)
         self.codecs = {name: joint_state_codec(name, ("a", "b")) for name in NEEDED}
         self.ends = {name: self.node.create_publisher(JointState, name, qos) for name in NEEDED}
         self.progress = self.node.create_subscription(UInt64, "recorder/progress", lambda _: None, latched_qos())
@@ -88,17 +88,18 @@ class Robot:
 
 
 class Stand:
-    """A recorder process and a robot beside it, in a domain of their own."""
+    """A recorder process and a robot beside it, in a name space that no other run has."""
 
-    def __init__(self, folder: Path, children: Children, domain: int, qos: QoSProfile, *words: str) -> None:
-        self.children = children
+    def __init__(self, folder: Path, children: Children, domain: int, qos: QoSProfile, *more: str) -> None:
+        self.children, self.space = children, f"/robot_{secrets.token_hex(4)}"
         self.bag, self.log, self.domain = folder / "bag", folder / "log", domain
-        named = ("autostart:=true", f"bag:={self.bag}", "compact:=false", *words)
+        named = ("autostart:=true", f"bag:={self.bag}", "compact:=false", *more)
         command = [sys.executable, "-m", "hd_control.nodes.recorder_node", "--ros-args"]
         with self.log.open("wb") as log:
             parameters = [word for text in named for word in ("-p", text)]
-            self.recorder = children.start("recorder", [*command, *parameters], stdout=log, stderr=log, cwd=folder)
-        self.robot = Robot(qos)
+            words = [*command, "-r", f"__ns:={self.space}", *parameters]
+            self.recorder = children.start("recorder", words, stdout=log, stderr=log, cwd=folder)
+        self.robot = Robot(self.space, qos)
 
     def begin(self) -> None:
         """Until the recorder is ready; the robot then runs for a while."""
@@ -121,10 +122,10 @@ class Stand:
         reader, drops = BagReader(self.bag), {}
         assert reader.complete
         for name in NEEDED:
-            account = reader.accounting[f"/{name}"]
+            account = reader.accounting[f"{self.space}/{name}"]
             drops[name] = account["drops"]
             assert self.robot.published == account["written"] + sum(drops[name].values()), (name, account)
-            columns = reader.columns(name)
+            columns = reader.columns(f"{self.space}/{name}")
             ticks = (columns.stamps_ns - self.robot.first_ns) // 1_000_000
             assert len(ticks) == account["written"] and (np.diff(ticks) > 0).all() and account["never_published"] == 0
         return drops
@@ -179,8 +180,8 @@ def test_a_signal_under_traffic_closes_the_bag(stand: Callable[..., Stand], numb
     reader = BagReader(found.bag)
     assert reader.complete
     for name in NEEDED:
-        lost = sum(reader.accounting[f"/{name}"]["drops"].values())
-        assert before <= reader.counts[f"/{name}"] + lost <= found.robot.published
+        account = reader.accounting[f"{found.space}/{name}"]
+        assert before <= account["written"] + sum(account["drops"].values()) <= found.robot.published
 
 
 def test_a_killed_recorder_node_loses_less_than_100_ms(stand: Callable[..., Stand]) -> None:
@@ -192,7 +193,7 @@ def test_a_killed_recorder_node_loses_less_than_100_ms(stand: Callable[..., Stan
     found.recorder.wait(LIMIT)
     reader = BagReader(found.bag)
     for name in NEEDED:
-        last = (int(reader.columns(name).stamps_ns[-1]) - found.robot.first_ns) // 1_000_000
+        last = (int(reader.columns(f"{found.space}/{name}").stamps_ns[-1]) - found.robot.first_ns) // 1_000_000
         assert last > arrived - 100, "ticks of 1 ms"
 
 
@@ -201,7 +202,7 @@ def test_other_types_and_other_qualities_of_service(stand: Callable[..., Stand])
     found = stand(qos=QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT))
     context = Context()  # one participant cannot have both types
     rclpy.init(args=["--ros-args", "--log-level", "error"], context=context, domain_id=found.domain)
-    stranger = Node("stranger", context=context)
+    stranger = Node("stranger", namespace=found.space, context=context)
     other = stranger.create_publisher(String, NEEDED[0], 10)
     found.begin()
     for _ in range(20):
@@ -233,7 +234,7 @@ def test_topics_without_publisher_do_not_hold_the_others_up(stand: Callable[...,
     time.sleep(0.2)
     assert not found.robot.ready()
     assert found.end() == 0, found.log.read_text()
-    account = BagReader(found.bag).accounting[f"/{NEEDED[0]}"]
+    account = BagReader(found.bag).accounting[f"{found.space}/{NEEDED[0]}"]
     assert account["written"] + sum(account["drops"].values()) == 300
 
 
