@@ -208,7 +208,7 @@ def run_one(campaign: Campaign, seed: int, ask: Ask, oracle: Oracle | None = Non
     visible = _joint_truth(pair).get("visibility") or {}
     if visible and pair.case.effects:
         known = {"gain": min(visible[effect.name] for effect in pair.case.effects)}
-    elif oracle is not None and answer["verdict"] != FAILED and pair.case.names:
+    elif oracle is not None and pair.case.world == HOME and answer["verdict"] != FAILED and pair.case.names:
         known = oracle(question, answer, pair.case.names, seed)
     return _record(pair, answer, seconds, known, again)
 

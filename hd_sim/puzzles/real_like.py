@@ -68,9 +68,16 @@ def make_real_like_pair(seed: int, category: str = "mix") -> Pair:
     clean, features = make_second_pair(seed, category), draw_features(seed)
     ratio, both = float(clean.model["gear_ratio"]), (clean.fit, clean.held_out)
     fit, held_out = (spoil(columns, features, ratio, seed, number) for number, columns in enumerate(both))
-    case: Case = replace(clean.case, world=REAL_LIKE, features=features)
-    truth = {**clean.truth, "case": case.to_dict()}
+    case: Case = replace(clean.case, world=REAL_LIKE, features=features, step="")
+    joints = {name: _before_spoiling(joint) for name, joint in clean.truth["joints"].items()}
+    truth = {**clean.truth, "case": case.to_dict(), "joints": joints}
     return Pair(case, 1.0 / features["rate"], fit, held_out, clean.model, truth)
+
+
+def _before_spoiling(joint: Mapping[str, Any]) -> dict[str, Any]:
+    """The truth of a joint; what the oracle saw was in the clean recording, so it is named so."""
+    kept = {name: value for name, value in joint.items() if name != "visibility"}
+    return kept | {"visibility_unspoilt": joint["visibility"]}
 
 
 def spoil(

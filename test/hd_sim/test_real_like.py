@@ -90,6 +90,7 @@ def test_a_seed_draws_everything_and_repeats():
         assert {one[key] for one in drawn} == set(values)
     pair, again = make_real_like_pair(3, "one"), make_real_like_pair(3, "one")
     assert pair.case == again.case and pair.case.world == "real_like" and len(pair.case.names) == 1
+    assert "visibility" not in pair.truth["joints"]["joint_1"] and pair.case.step == ""
     assert pair.period == 1.0 / pair.case.features["rate"]
     assert all(np.array_equal(pair.fit[name], again.fit[name]) for name in pair.fit)
     with pytest.raises(ConfigError, match="nothing or one effect"):
