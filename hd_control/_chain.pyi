@@ -116,6 +116,7 @@ class TorqueTick(_Tick):
     railed: _Array
     disobeyed: _Array
     compares_applied: bool
+    idle: float
     failed: bool
     reset_asked: bool
     resets: int

@@ -208,6 +208,7 @@ class MotionTick {
 
 constexpr int kWatchTicks = 10;                  // the adaptation is looked at every so many ticks
 constexpr int kWarmTicks = 50;                   // in a row since the activation before lateness is a fault
+constexpr double kIdleTicks = 200.0;             // of a drive that applies nothing; then the estimates stand, too
 constexpr int kSent = 16;                        // commands that are remembered
 constexpr double kObeyedShare = 0.05, kObeyedPart = 0.1;  // of the limit and of the torque: reported ones are that exact
 constexpr double kReferenceTolerance = 0.005;    // rad; a reference further from the joint refuses a reset
@@ -318,7 +319,7 @@ class TorqueTick {
     std::vector<double> allowed, command, refusals;
     std::vector<double> disobeyed;  // ticks in a row in which the drive applied what this law has not sent
     bool compares_applied = true;   // a recording that is played again obeys nobody
-    double degraded_samples = 0.0, lost = 0.0;
+    double degraded_samples = 0.0, lost = 0.0, idle = 0.0;
     std::int64_t tick = -1;
     bool has_state = false, gate_open = false;
     std::atomic<bool> failed{false}, reset_asked{false};
@@ -341,6 +342,7 @@ class TorqueTick {
         law_gauge_rail(in.joint_torque, railed.data(), guard.guard_limits, n, rows);
         if (law == TorqueLaw::adaptive && has_state && now % kWatchTicks == 0) watch(in);
         if (compares_applied) obedience(in);
+        idle = std::all_of(in.motor_torque, in.motor_torque + n, [](double u) { return u == 0.0; }) ? idle + 1.0 : 0.0;
         if (rows.count > 0 && rows.strongest() >= kDegrade)
             degraded_samples = guard.guard_limits.recover_samples[0];
         else if (degraded_samples > 0.0)
@@ -366,6 +368,7 @@ class TorqueTick {
         std::fill(sent_.begin(), sent_.end(), 0.0);
         std::fill(disobeyed.begin(), disobeyed.end(), 0.0);
         sends_ = 0;
+        idle = 0.0;
     }
 
     void watch(const TorqueSample& in) {
@@ -382,10 +385,11 @@ class TorqueTick {
                          in.joint_position, guard.guard_limits, n, kWatchTicks * dt, rows);
     }
 
-    // The law's step; degraded, the estimates stay as they were, bit for bit.
+    // The law's step. Degraded, the estimates stay as they were, bit for bit; and so behind brakes that stay closed,
+    // where an error that no torque can move would wind them up.
     const double* command_of_law() {
         const bool had = has_state;
-        const bool keep = degraded_samples > 0.0 && had && law == TorqueLaw::adaptive;
+        const bool keep = (degraded_samples > 0.0 || idle > kIdleTicks) && had && law == TorqueLaw::adaptive;
         if (keep) estimates(true);
         if (params.changes()) params.take(has_state ? state.data() : nullptr);
         if (!has_state) first_state();

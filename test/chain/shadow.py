@@ -137,7 +137,7 @@ class Shadow:
     def _compare_torque(self, stage, oracle, where):
         native, guard, wanted = stage.native, stage.guard, oracle.guard
         check(where, allowed=(stage.allowed, oracle.allowed), railed=(native.railed, oracle.railed),
-              disobeyed=(native.disobeyed, oracle.disobeyed),
+              disobeyed=(native.disobeyed, oracle.disobeyed), idle=(native.idle, oracle.idle),
               adaptation=(native.adaptation, oracle.adaptation.array), gate=(guard.gate.array, wanted.gate.array),
               stop=(guard.stop.array, wanted.stop.array), measured=(guard.measured.array, wanted.measured.array),
               mean_torque=(guard.state.mean_torque, wanted.mean_torque), mode=(stage.mode, oracle.mode),

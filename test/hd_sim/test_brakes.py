@@ -8,6 +8,7 @@ from hd_control.safety.limits import safety_limits
 from hd_sim.drive_side import ARMING_SAMPLES, DriveSide
 from hd_sim.plant import Plant
 from hd_sim.plant_config import PlantConfig
+from hd_sim.runner import Runner, RunSetup
 
 PATIENCE, WATCH = 100, 50
 """Samples until a command that does not carry is reported; samples in which no joint may move."""
@@ -120,6 +121,20 @@ def test_another_source_of_commands_keeps_the_drives_from_arming():
     assert not arm.side.armed
     arm.run(3, arm.gravity)
     assert arm.side.armed and not arm.side.brake_closed
+
+
+@pytest.mark.parametrize("plant", ["arm_a", "single_joint_3", "single_joint_7"])
+def test_a_law_that_waits_long_behind_closed_brakes_does_not_wind_up(plant):
+    """The friction estimates went to their bounds, 235 N m, and the brakes would never have opened."""
+    runner = Runner(RunSetup(PlantConfig.from_file(plant)))
+    side = runner.world.seam
+    for _ in range(3000):
+        side.stranger()
+        runner.step()
+    assert side.brake_closed
+    runner.run_on(1300)
+    assert side.armed and not side.brake_closed and not side.stopped
+    assert runner.torque.mode == "ACTIVE" and not runner.torque.guard.stopped
 
 
 def test_once_armed_a_stranger_changes_nothing():

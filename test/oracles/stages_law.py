@@ -21,6 +21,8 @@ LOST_TOLERANCE, REFERENCE_TOLERANCE = 0.05, 0.005
 """rad; a reference further from the joint loses its goal, refuses a reset."""
 SLOW_RATE, CHANGE_TIME = 0.25, 0.2
 """Share of the speed that a degraded robot may use; s to get there."""
+IDLE_TICKS = 200
+"""Of a drive that applies nothing; then the estimates stand, too."""
 SENT, OBEYED_SHARE, OBEYED_PART = 16, 0.05, 0.1
 """Commands that are remembered; reported torques are exact to these shares of the limit and of the torque."""
 EXCEPTION = Fault(FaultCode.EXCEPTION, -1, 1.0, 0.0, Action.TORQUE_RAMP)
@@ -383,7 +385,8 @@ class TorqueStage(Stage):
         """One tick."""
         demands = self._monitor(tick)
         estimates = None
-        if self.degraded_samples > 0 and self.state is not None and self.state.layout.name == "TorqueState":
+        still = self.degraded_samples > 0 or self.idle > IDLE_TICKS
+        if still and self.state is not None and self.state.layout.name == "TorqueState":
             estimates = {name: self.state.view(name).copy() for name in loop_monitors_law.ESTIMATES}
         self.advance()
         for name, values in (estimates or {}).items():
@@ -413,6 +416,7 @@ class TorqueStage(Stage):
             )  # fmt: skip
             found += more
         found += self._obedience()
+        self.idle = self.idle + 1 if not np.any(self.sample.motor_torque != 0.0) else 0
         if found and strongest(found) >= Action.DEGRADE:
             self.degraded_samples = int(self.limits.guard.recover_samples)
         elif self.degraded_samples > 0:
@@ -421,6 +425,7 @@ class TorqueStage(Stage):
 
     def _forget_sent(self):
         self.sent, self.disobeyed = [np.zeros(self.sample.joints)] * SENT, np.zeros(self.sample.joints)
+        self.idle = 0
 
     def _obedience(self):
         """The drive applies nothing, or one of the last commands, or what somebody else has sent."""
