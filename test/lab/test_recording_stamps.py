@@ -9,7 +9,7 @@ import pytest
 from made_bags import NS, motion, standard_bag, ticks
 
 from hd_control.lab.signals.recording import read_recording
-from hd_control.lab.signals.time_base import rising
+from hd_control.lab.signals.time_base import one_clock, rising
 
 
 def test_stamps_that_repeat_or_go_back_are_dropped_and_reported(tmp_path: Path) -> None:
@@ -25,8 +25,37 @@ def test_stamps_that_repeat_or_go_back_are_dropped_and_reported(tmp_path: Path) 
 def test_a_clock_that_starts_anew_keeps_the_longer_part(tmp_path: Path) -> None:
     stamps = np.concatenate([ticks(1.0, start_ns=100 * NS), ticks(2.0, start_ns=0)])
     recording = read_recording(standard_bag(tmp_path / "bag", stamps, skip=["temperature"]))
-    assert any("1000 of 3000 samples dropped" in text for text in recording.problems)
+    assert any("1000 of 3000 samples are of another clock" in text for text in recording.problems)
     assert recording.joints["joint_1"].time.size == 2000
+
+
+def test_two_recordings_in_one_file_are_not_sorted_into_each_other(tmp_path: Path) -> None:
+    """Both begin at the same stamp; the second one holds another motion."""
+    one, two = ticks(2.0), ticks(3.0)
+    time = np.concatenate([one, two]) * 1e-9
+    angle = np.where(np.arange(5000) < 2000, 7.0, motion(time - 5.0)["joint_position"])
+    bag = standard_bag(
+        tmp_path / "bag", np.concatenate([one, two]), skip=["temperature"], change={"joint_position": angle}
+    )
+    recording = read_recording(bag)
+    joint = recording.joints["joint_1"]
+    assert joint.time.size == 3000 and joint.valid.all()
+    assert np.abs(joint.joint_position - motion(joint.time)["joint_position"]).max() < 1e-8
+    assert any("two recordings in one file?" in text and "3000 samples" in text for text in recording.problems)
+
+
+def test_one_clock_is_cut_where_it_goes_back_and_stays() -> None:
+    second = NS // 1000 * np.arange(1000)
+    assert one_clock(second) == slice(0, 1000)
+    stray = second.copy()
+    stray[[300, 301]] -= NS
+    assert one_clock(stray) == slice(0, 1000), "two stray stamps are no other clock"
+    assert one_clock(np.concatenate([second, second[:600]])) == slice(0, 1000)
+    assert one_clock(np.concatenate([second[:400], second, second[:600]])) == slice(400, 1400)
+    swapped = second.copy()
+    swapped[100:200] = second[100:200][::-1]
+    assert one_clock(swapped) == slice(0, 1000), "an order that got lost over 0.1 s"
+    assert one_clock(np.zeros(0, np.int64)) == slice(0, 0) and one_clock(np.array([5])) == slice(0, 1)
 
 
 def test_a_clock_that_jumps_by_years_does_not_fill_the_memory(tmp_path: Path) -> None:

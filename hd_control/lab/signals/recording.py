@@ -39,7 +39,16 @@ from hd_control.lab.signals.sources import (
     held_from_measured,
     load_mapping,
 )
-from hd_control.lab.signals.time_base import NS, SLOWEST, Alignment, TimeBase, longest_stretch, rising, time_base
+from hd_control.lab.signals.time_base import (
+    NS,
+    SLOWEST,
+    Alignment,
+    TimeBase,
+    longest_stretch,
+    one_clock,
+    rising,
+    time_base,
+)
 from hd_control.record.columns import Columns, has_fixed_layout
 from hd_control.record.reader import BagReader
 from hd_control.record.writer import SESSION
@@ -287,9 +296,14 @@ class Collector:
         if stamps.size > 1 and bool((stamps == stamps[0]).all()):
             self.notes.append(f"{topic}: header stamps are all equal; the times of recording are used")
             stamps = columns.log_times_ns()[rows]
-        keep = rising(stamps)
-        if keep.size < stamps.size:
-            dropped = stamps.size - keep.size
+        clock = one_clock(stamps)
+        other = stamps.size - (clock.stop - clock.start)
+        if other:
+            text = f"{topic}: {other} of {stamps.size} samples are of another clock (two recordings in one file?)"
+            self.problems.append(f"{text}; the longest part is read, {(clock.stop - clock.start)} samples")
+        keep = clock.start + rising(stamps[clock])
+        if keep.size < stamps.size - other:
+            dropped = stamps.size - other - keep.size
             self.problems.append(f"{topic}: {dropped} of {stamps.size} samples dropped, their stamps repeat or go back")
         kept = stamps if keep.size == stamps.size else stamps[keep]
         stretch = longest_stretch(kept)

@@ -14,6 +14,8 @@ LONGEST_BRIDGE = 3
 """Missing samples that are filled; a longer gap stays NaN."""
 EVEN = 1e-3
 """Largest distance of a stamp from the even grid, in periods, that counts as even."""
+BACK_S = 0.2
+"""s by which a clock must go back, and stay, to be another one; less is an order that got lost on the way."""
 SLOWEST = 10.0
 """A signal recorded at less than 1 / SLOWEST of the dominating rate is not interpolated."""
 FEWEST = 10
@@ -66,6 +68,28 @@ def rising(stamps_ns: IntArray) -> IntArray:
     while before[chain[-1]] >= 0:
         chain.append(int(before[chain[-1]]))
     return np.array(chain[::-1])
+
+
+def one_clock(stamps_ns: IntArray) -> slice:
+    """The longest part of stamps in the order of recording in which the clock never goes back by `BACK_S` or more.
+
+    Two recordings in one file, or a clock that was set back: their samples must not be sorted into each other.
+    """
+    if stamps_ns.size < 2:
+        return slice(0, stamps_ns.size)
+    highest = np.maximum.accumulate(stamps_ns)
+    cuts = np.flatnonzero(np.diff(stamps_ns) <= -round(BACK_S * NS)) + 1
+    late = stamps_ns[cuts] <= highest[cuts - 1] - round(BACK_S * NS)
+    stays = np.array([_stays_back(stamps_ns, int(cut)) for cut in cuts], dtype=bool)
+    edges = np.concatenate([[0], cuts[late & stays], [stamps_ns.size]])
+    longest = int(np.argmax(np.diff(edges)))
+    return slice(int(edges[longest]), int(edges[longest + 1]))
+
+
+def _stays_back(stamps_ns: IntArray, cut: int) -> bool:
+    """Does the clock go on from where it went back to? A single stray stamp does not."""
+    after = stamps_ns[cut : cut + FEWEST]
+    return after.size == FEWEST and bool((after < stamps_ns[cut - 1]).sum() > FEWEST // 2)
 
 
 def period_of(stamps_ns: IntArray) -> float:
