@@ -104,6 +104,8 @@ def test_friction_sentences() -> None:
     assert texts[2:] == ["inertia fitted", "a delay of the torque by one ms would move it by 0.3 N m"]
     assert "forward is 1 N m above backward" in list(friction_sentences(curve(0.5)))
     assert "forward is 1 N m below backward" in list(friction_sentences(curve(-0.5)))
+    lost = FrictionCurve("gauge_torque", (FrictionPoint(0, 1.0, -2.0, -3.0, -1.0, 5.0),), ("x",), 0.0)
+    assert "which friction cannot be" in list(friction_sentences(lost))[1]
     no_friction = FrictionCurve("gauge_torque", (FrictionPoint(0, 0.1, 0.01, -0.02, 0.02, 5.0),), ("x",), 0.0)
     assert list(friction_sentences(no_friction)) == ["gauge_torque: none, within 10 mN m", "x"]
     few = FrictionCurve("gauge_torque", (FrictionPoint(1, 0.1, 2.0, np.nan, np.nan, 0.3),), ("x",), 0.0)

@@ -23,8 +23,8 @@ SHOWN_SPEEDS = 5
 """Speeds of a friction curve in its sentence; all are in the JSON form and in the picture."""
 SHOWN_LINES = 6
 """Lines of a spectrum in sentences."""
-NOTABLE = 1e-3
-"""s of delay with which a friction curve must stay within its interval, or that is said."""
+OPEN_DELAY = 0.01
+"""s by which a torque may be late where the motion does not show its delay; friction intervals are wider by that."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,11 @@ class Observations:
 
 def observe(signals: JointSignals, equations: JointEquations, checks: SignalChecks) -> Observations:
     """Everything that is measured on one joint; `equations` are its balances under a model that knows the gravity."""
-    late = {d.signal: (d.seconds, d.error) for d in checks.delays if d.sure and d.against == MOTION}
-    curves = friction_curves(equations, late if len(late) == 1 else {})  # of two, perhaps only one is late
+    torques = [delay for delay in checks.delays if delay.against == MOTION]
+    late = {d.signal: (d.seconds, d.error) for d in torques if d.sure}
+    late = late if len(late) == 1 else {}  # of two, perhaps only one is late
+    open_ = {d.signal: (0.0, OPEN_DELAY) for d in torques if not d.determined}
+    curves = friction_curves(equations, {**open_, **late})
     sensors = sensor_qualities(signals)
     return Observations(sensors, checks.delays, curves, signal_spectra(equations), checks)
 
@@ -95,6 +98,8 @@ def friction_sentences(curve: FrictionCurve) -> Iterator[str]:
         return
     how = "both directions" if both else "forward only" if curve.of(1) else "backward only"
     yield f"{curve.signal}, {how}: {', '.join(map(_point, shown))}"
+    if any(point.high < 0.0 for point in known):
+        yield "negative at some speeds, which friction cannot be: a delay or the torque of other joints stays in it"
     yield from _by_direction(curve)
     for variable in dict.fromkeys(group.variable for group in curve.groups):
         yield from _by_group(curve, variable)
