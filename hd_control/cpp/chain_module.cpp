@@ -307,7 +307,7 @@ void bind_torque(py::module_& m) {
         .def_readwrite("gate_open", &TorqueTick::gate_open)
         .def_readwrite("degraded_samples", &TorqueTick::degraded_samples)
         .def_readwrite("lost", &TorqueTick::lost)
-        .def_readonly("warm", &TorqueTick::warm)
+        .def_readwrite("warm", &TorqueTick::warm)
         .def_readonly("idle", &TorqueTick::idle)
         .def_readwrite("compares_applied", &TorqueTick::compares_applied)
         .def_property_readonly("disobeyed", block(&TorqueTick::disobeyed))

@@ -5,10 +5,8 @@
 
 #include <cmath>
 #include <cstring>
-#include <optional>
 #include <stdexcept>
 #include <string>
-#include <tuple>
 #include <vector>
 
 #include "fusion.hpp"
@@ -231,90 +229,6 @@ Array spline_extrema(const Array& knots, const Array& coefficients, double dt, i
     return found;
 }
 
-// ------------------------------------------------------------------------------------------- monitors and guard
-
-bool finite_array(const Array& values) { return all_finite(values.data(), static_cast<int>(values.size())); }
-
-bool below_array(const Array& values, const Array& limit) {
-    return all_below(values.data(), readable(limit, values.size(), "limit"), static_cast<int>(values.size()));
-}
-
-bool near_array(const Array& a, const Array& b, const Array& limit) {
-    return all_near(a.data(), readable(b, a.size(), "b"), readable(limit, a.size(), "limit"),
-                    static_cast<int>(a.size()));
-}
-
-std::tuple<bool, Array> follow_arrays(const Array& reading, const Array& last, const Array& slope, const Array& limit,
-                                      const std::optional<Array>& period) {
-    const py::ssize_t size = reading.size();
-    Array new_slope(std::vector<py::ssize_t>(reading.shape(), reading.shape() + reading.ndim()));
-    const bool follow = readings_follow(
-        reading.data(), readable(last, size, "last"), readable(slope, size, "slope"), readable(limit, size, "limit"),
-        period ? readable(*period, size, "period") : nullptr, new_slope.mutable_data(), static_cast<int>(size));
-    return {follow, new_slope};
-}
-
-std::tuple<bool, Array, Array, Array> turn_arrays(const Array& residual, const Array& shaft, const Array& gauge_angle,
-                                                  const Array& last_shaft, const Array& terms, const Array& sums,
-                                                  const Array& travel, double whole, double longest_way,
-                                                  double largest_step) {
-    const py::ssize_t n = residual.size();
-    Array new_terms({py::ssize_t{3}, n}), new_sums({py::ssize_t{4}, n}), new_travel(n);
-    const bool ordinary =
-        sum_turn(residual.data(), readable(shaft, n, "shaft"), readable(gauge_angle, n, "gauge_angle"),
-                 readable(last_shaft, n, "last_shaft"), readable(terms, 3 * n, "terms"), readable(sums, 4 * n, "sums"),
-                 readable(travel, n, "travel"), {whole, longest_way, largest_step}, new_terms.mutable_data(),
-                 new_sums.mutable_data(), new_travel.mutable_data(), static_cast<int>(n));
-    return {ordinary, new_terms, new_sums, new_travel};
-}
-
-std::tuple<bool, Array, Array, Array, Array> missed_arrays(const Array& positions, const Array& twist,
-                                                           const Array& reading, const Array& repeats,
-                                                           const Array& expected, const Array& other, double samples,
-                                                           const Array& limit, double step) {
-    const py::ssize_t n = twist.size(), both = 2 * n;
-    const auto pair = [n] { return Array({py::ssize_t{2}, n}); };
-    Array new_repeats = pair(), new_expected = pair(), new_other = pair(), moved = pair();
-    const bool ordinary =
-        missed_motion(readable(positions, both, "positions"), twist.data(),
-                      {readable(reading, both, "reading"), readable(repeats, both, "repeats"),
-                       readable(expected, both, "expected"), readable(other, both, "other")},
-                      samples, readable(limit, n, "limit"), step, new_repeats.mutable_data(),
-                      new_expected.mutable_data(), new_other.mutable_data(), moved.mutable_data(), static_cast<int>(n));
-    return {ordinary, new_repeats, new_expected, new_other, moved};
-}
-
-std::tuple<bool, Array, Array> gauge_arrays(const Array& gauge, const Array& position, const Array& reading,
-                                            const Array& repeats, const Array& start, const Array& limit,
-                                            double samples) {
-    const py::ssize_t n = gauge.size();
-    Array new_repeats(n), new_start(n);
-    const bool ordinary =
-        gauge_changes(gauge.data(), readable(position, n, "position"), readable(reading, n, "reading"),
-                      readable(repeats, n, "repeats"), readable(start, n, "start"), readable(limit, n, "limit"),
-                      samples, new_repeats.mutable_data(), new_start.mutable_data(), static_cast<int>(n));
-    return {ordinary, new_repeats, new_start};
-}
-
-bool quiet_arrays(const Array& command, const Array& ages, const Array& ticks, const Array& last_tick,
-                  const Array& position, const Array& velocity, const Array& low, const Array& high, const Array& speed,
-                  const Array& twice_deceleration, double age_limit, double largest_tick) {
-    const py::ssize_t n = command.size();
-    const GuardLook look{command.data(),
-                         readable(ages, n, "ages"),
-                         readable(ticks, n, "ticks"),
-                         readable(last_tick, n, "last_tick"),
-                         readable(position, n, "position"),
-                         readable(velocity, n, "velocity"),
-                         readable(low, n, "low"),
-                         readable(high, n, "high"),
-                         readable(speed, n, "speed"),
-                         readable(twice_deceleration, n, "twice_deceleration"),
-                         age_limit,
-                         largest_tick};
-    return guard_is_quiet(look, static_cast<int>(n));
-}
-
 // ------------------------------------------------------------------------------------------- names for Python
 
 template <class Function>
@@ -367,14 +281,6 @@ void define_safety(py::module_& module) {
                py::arg("ticks").noconvert(), py::arg("limits").noconvert(), py::arg("state").noconvert(),
                py::arg("output").noconvert(), py::arg("new_state").noconvert(), py::arg("fault_rows").noconvert(),
                py::arg("joints"), "One sample of the safety gate. Returns the number of fault rows.");
-    module.def("all_finite", &finite_array, "Is every value a finite number?");
-    module.def("all_below", &below_array, "|values| < limit everywhere?");
-    module.def("all_near", &near_array, "|a - b| <= limit everywhere?");
-    module.def("readings_follow", &follow_arrays, "Readings near their prediction, and the new slope.");
-    module.def("sum_turn", &turn_arrays, "One step of the integrals over a motor turn: ordinary, terms, sums, travel.");
-    module.def("missed_motion", &missed_arrays, "Ordinary, repeats, expected, other, motion missed.");
-    module.def("gauge_changes", &gauge_arrays, "Ordinary, repeats, motor position when they began.");
-    module.def("guard_is_quiet", &quiet_arrays, "Does the guard have nothing to say about this sample?");
 }
 
 }  // namespace

@@ -122,7 +122,7 @@ class Loop:
         if self._plain:
             return loop_monitors_law.lost_ticks(gap, level, limits)
         tick = self._tick(limits)
-        tick.lost, tick.tick = level, 100
+        tick.lost, tick.tick, tick.warm = level, 100, _chain.WARM_TICKS
         tick.act(101 + gap)
         return tick.lost, self._faults(tick, "FRAME_LOST")
 
