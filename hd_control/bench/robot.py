@@ -3,7 +3,7 @@
     live_run("four", 10.0)                -> LiveResult: four processes and a recorder, seven joints, real laws, 1 kHz
     live_run("four", 10.0, loaded=True)   -> the same while ordinary programs keep every processor busy
 
-Beside each run a bare loop, which does nothing but sleep, counts the milliseconds that the machine takes from everybody.
+Beside each run a bare loop, which only sleeps, counts the milliseconds that the machine takes from everybody.
 Its share stands beside the figure and is never subtracted.
 """
 
@@ -35,7 +35,7 @@ FAST_PERIOD, FAST_SUBSTEPS = 0.00025, 8
 
 @dataclass(frozen=True)
 class LiveResult:
-    """From a sample to its command, us; ticks whose command came late or that were slept through, %; the milliseconds at
+    """From a sample to its command, us; ticks whose command came late or that were slept through, %; milliseconds at
     which a bare loop beside the run woke more than a millisecond late, %; did the safety gate stop the robot?"""
 
     p50: float

@@ -58,7 +58,7 @@ def chain_stages(robot: Robot, period: float, values: Values, limits: SafetyLimi
 def add_stages(sequence: _chain.Sequence, stages: Sequence[Stage], bus: Bus, temperature_ticks: int = 1) -> Bus:
     """Adds the stages to a compiled list, in order; what one makes is copied to where the next reads it.
 
-    `bus`: where the sensors' numbers are. Temperatures are copied every so many ticks. Returns the bus with all outputs.
+    `bus`: where the sensors' numbers are. Temperatures are copied every so many ticks. Returns the bus with outputs.
     """
     for stage in stages:
         for topic, source, target in stage.copies(bus):

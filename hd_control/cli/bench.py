@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--only", nargs="*", choices=GROUPS, default=list(GROUPS), help="groups to run [all]")
     parser.add_argument("--runs", type=int, default=15, help="runs of each short measurement [15]")
     parser.add_argument("--seconds", type=float, default=10.0, help="length of each live run [10]")
-    parser.add_argument("--load", action="store_true", help="live nodes also beside programs that keep the machine busy")
+    parser.add_argument("--load", action="store_true", help="live nodes also beside programs that keep it busy")
     parser.add_argument(
         "--growth",
         nargs="*",

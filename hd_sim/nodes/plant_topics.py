@@ -39,9 +39,7 @@ class PlantTopics:
         self.commands = self._subscription(JointState, topics.COMMAND, chain_qos(4 * len(self._names)))
         self._behind = self._subscription(UInt64, topics.PROGRESS, latched_qos())
         self.send_readings(turn)
-        turn.plane.report_progress(
-            turn.plane.outbox(progress.handle, ENCAPSULATION + bytes(8), _plane.NO_STAMP, [])
-        )
+        turn.plane.report_progress(turn.plane.outbox(progress.handle, ENCAPSULATION + bytes(8), _plane.NO_STAMP, []))
         if commands:
             turn.plane.listen(self.commands.handle, list(self._names))
         turn.plane.follow_recorder(self._behind.handle)

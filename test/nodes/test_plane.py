@@ -462,9 +462,7 @@ def test_ticks_go_on_while_another_thread_holds_the_interpreter(node: Node, tmp_
     ring.start()
     sender = tmp_path / "sender.py"
     sender.write_text(FLOOD)
-    flood = subprocess.Popen(
-        [sys.executable, str(sender)], env=child_environment(node.context.get_domain_id(), False)
-    )
+    flood = subprocess.Popen([sys.executable, str(sender)], env=child_environment(node.context.get_domain_id(), False))
     try:
         assert until(lambda: ring.turn.tick > 0)
         hold = ctypes.PyDLL(None).usleep  # PyDLL keeps the interpreter lock during the call

@@ -88,7 +88,8 @@ def test_parameters_that_change_all_the_time_are_taken_whole_and_the_robot_goes_
         assert session.set_parameters("plant_node", {"pause_at_tick": -1}) == ""
         for number in range(200):
             share = 0.9 if number % 2 else 1.0
-            assert session.set_parameters("torque_node", {"motor_velocity_gain": [share * gain for gain in gains]}) == ""
+            wanted = {"motor_velocity_gain": [share * gain for gain in gains]}
+            assert session.set_parameters("torque_node", wanted) == ""
         said = session.fresh_diagnostics("torque_node")
         assert int(said["parameter_changes"]) >= 200
         assert said["gate_stopped"] == "False" and said["mode"] == "ACTIVE"
