@@ -45,7 +45,7 @@ ALLOWED: dict[str, set[str]] = {
         "hd_control.core", "hd_control.laws", "hd_control.chain", "hd_control.record", "hd_control.nodes",
     },
     "hd_control.papers": {
-        "hd_control.core", "hd_control.laws", "hd_control.chain", "hd_control.lab.page", "hd_sim",
+        "hd_control.core", "hd_control.drive", "hd_control.laws", "hd_control.chain", "hd_control.lab.page", "hd_sim",
     },
     # The demo runs nodes of a simulated robot and reads what they recorded; it starts commands, it imports none.
     "hd_control.demo": {

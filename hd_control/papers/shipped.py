@@ -26,7 +26,7 @@ PAPER: dict[str, tuple[Any, str]] = {
 }
 """Switch -> what the paper has, and why the shipped file has something else."""
 START_WHY = "friction estimates start at a commissioning of 90 % of the simulated drives, not at zero"
-LOAD_WHY = "friction that grows with load is fed forward, the paper has none"
+LOAD_WHY = "friction grows with load as in (3), whose numbers the paper does not give: those of the simulated drives"
 
 
 def differing_numbers() -> dict[str, int]:

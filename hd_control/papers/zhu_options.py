@@ -13,6 +13,9 @@ from hd_control.chain.chain import shipped_values
 from hd_control.core.errors import ConfigError
 from hd_control.core.resources import config_path
 from hd_control.core.strict_yaml import expect_keys, load_yaml
+from hd_control.drive.model_file import load_model
+from hd_control.laws import torque
+from hd_control.laws.from_model import apply_model
 from hd_control.papers.baselines import BASELINES
 from hd_control.papers.rows import load_constants
 from hd_sim.plant_config import PlantConfig
@@ -20,8 +23,12 @@ from hd_sim.runner import RunSetup
 
 NODES = ("torque_node", "motion_node")
 STARTS = ("coulomb_torque", "friction_offset", "viscous_positive", "viscous_negative")
+LOAD_FRICTION = ("load_friction_linear", "load_friction_quadratic")
 GAINS = ("position_gain", "velocity_gain", "integral_gain")
 HARMONICS = 4
+TRUTH, LADDER = "truth", "ladder"
+IDENTIFIED = "reproduce/identified"
+"""Folder of `config` with the models that `hd ladder` made, one for each plant; how is in docs/papers_zhu.md."""
 
 PLAIN: tuple[str, ...] = ()
 IMPROVED = ("error_filter", "kinematic_feedforward", "identified_friction", "slow_adaptation")
@@ -35,8 +42,10 @@ FIXED = ("error_filter", "kinematic_feedforward", "identified_friction", "fixed"
 class Case:
     """One run. `motion`: ("sine", Hz, rad), ("coordinated",) or ("slow",). `delay`: samples from sensor to torque.
 
-    `knowledge` is the share of the plant's friction and kinematic error that the law knows. `baseline` names a motion
-    law of `hd_control.papers.baselines`. `rate_gain` replaces lambda_tau, 1/(N m s), also beyond what is allowed.
+    `knowledge` is the share of the plant's friction and kinematic error that the law knows, `source` where from:
+    `truth` copies the plant's own numbers, `ladder` takes what `hd ladder` identified from recordings of the plant.
+    `baseline` names a motion law of `hd_control.papers.baselines`. `rate_gain` replaces lambda_tau, 1/(N m s), also
+    beyond what is allowed.
     """
 
     plant: str
@@ -48,6 +57,7 @@ class Case:
     friction: str = "coulomb"
     baseline: str = ""
     rate_gain: float | None = None
+    source: str = TRUTH
 
 
 @lru_cache
@@ -115,7 +125,9 @@ def _links(case: Case, config: PlantConfig) -> dict[str, Any]:
 
 
 def _known(case: Case, config: PlantConfig) -> dict[str, Any]:
-    """What was identified beforehand: a share of the plant's own friction and kinematic error."""
+    """What was identified beforehand: by `hd ladder`, or a share of the plant's own friction and kinematic error."""
+    if case.source == LADDER:
+        return _identified(case)
     found: dict[str, Any] = {}
     drives, share = config.drives, case.knowledge
     if "identified_friction" in case.options:
@@ -125,6 +137,19 @@ def _known(case: Case, config: PlantConfig) -> dict[str, Any]:
             rows = share * drives[f"kinematic_{kind}"]
             found |= {f"kinematic_{kind}_{n + 1}": _spread(config, rows[:, n]) for n in range(HARMONICS)}
     return found
+
+
+def _identified(case: Case) -> dict[str, Any]:
+    """What `hd apply` makes of the model that the ladder ended with, of the parts that the options use."""
+    model = load_model(config_path(f"{IDENTIFIED}/{case.plant}.yaml"))
+    shipped = {name: value for name, value in shipped_values("torque_node").items() if name in torque.PARAMETERS.names}
+    applied = apply_model(model, {"torque_node": shipped}).values["torque_node"]
+    names: list[str] = []
+    if "identified_friction" in case.options:
+        names += [*(f"{name}_initial" for name in STARTS), *LOAD_FRICTION]
+    if "kinematic_feedforward" in case.options:
+        names += [f"kinematic_{kind}_{n + 1}" for kind in ("cosine", "sine") for n in range(HARMONICS)]
+    return {name: applied[name] for name in names}
 
 
 def _spread(config: PlantConfig, values: Any) -> list[float]:

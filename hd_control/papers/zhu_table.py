@@ -23,6 +23,7 @@ from hd_control.papers.zhu_options import (
     plant_of,
     setup_of,
 )
+from hd_control.papers.zhu_options import LADDER as LADDER_MODEL
 from hd_control.papers.zhu_runs import Outcome
 
 PAPER = "zhu"
@@ -46,18 +47,20 @@ Set = dict[str, Any]
 SETS: dict[str, Set] = {
     "plain": {"options": PLAIN},
     "literal": {"options": ("literal", *OPEN)},
-    "": {"options": IMPROVED},
+    "": {"options": IMPROVED, "source": LADDER_MODEL},
+    "truth": {"options": IMPROVED},
     "known_80": {"options": IMPROVED, "knowledge": KNOWN},
     "plain.bristle": {"options": PLAIN, "friction": "bristle"},
     "bristle": {"options": IMPROVED, "friction": "bristle"},
-    "4khz": {"options": FAST},
+    "4khz": {"options": FAST, "source": LADDER_MODEL},
+    "4khz.truth": {"options": FAST},
     "4khz.plain": {"options": ("fast_loop", "fine_sensor")},
     "4khz.literal": {"options": ("literal", "fast_loop", "fine_sensor", *OPEN)},
     "4khz.known_80": {"options": FAST, "knowledge": KNOWN},
     "4khz.stiff_motion": {"options": STIFF},
 }
-"""Suffix of the row to its settings; the row without suffix is the improved law at 1 kHz. Rows that copy the plant's
-truth say so in their conditions."""
+"""Suffix of the row to its settings; the row without suffix is the improved law at 1 kHz, which knows what `hd ladder`
+identified from recordings of the same plant. Rows that copy the plant's truth say so in their conditions."""
 VARIANTS = {
     "stiffness_only": "Remark 3.2 in place of (5): d is not used",
     "literal": "(5)-(9) to the letter",
@@ -65,6 +68,8 @@ VARIANTS = {
 }
 """Form of the wanted torsion's derivatives -> words in every condition of the paper's law."""
 LOOP_OPTIONS = ("fast_loop", "fine_sensor", "open_gate")
+LOAD_COPIED = ", growth of friction with load (g1, g2 of (3)) copied from the plant"
+"""The paper gives no numbers for them; the law carries those of the simulated drives."""
 QUICK_SETS = ("plain", "")
 SEVERAL_SEEDS = ("plain", "", "known_80", "4khz", "4khz.known_80")
 
@@ -223,8 +228,10 @@ def _knowledge(case: Case) -> str:
     known = {"identified_friction": "friction", "kinematic_feedforward": "KE"}
     names = " and ".join(word for option, word in known.items() if option in case.options)
     if not names:
-        return ""
-    return f", {names} copied from the plant's truth ({100 * case.knowledge:g} %)"
+        return LOAD_COPIED if not case.baseline else ""
+    if case.source == LADDER_MODEL:
+        return f", {names} as hd ladder identified them from recordings of the plant"
+    return f", {names} copied from the plant's truth ({100 * case.knowledge:g} %){LOAD_COPIED}"
 
 
 @lru_cache

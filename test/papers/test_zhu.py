@@ -1,6 +1,7 @@
 """Zhu's experiments: the paper's law is the paper's, options change what they say, rows are complete, runs repeat."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -123,7 +124,9 @@ def test_conditions_name_the_variant_and_where_the_knowledge_comes_from(monkeypa
     made = {row.id: row.conditions for row in zhu.rows(False, 0, print, 1)}
     law = {name: text for name, text in made.items() if "paper's law" in text and " instead of " not in text}
     assert law and all("Remark 3.2" in t or "(5)-(9)" in t or "filtered differences" in t for t in law.values())
-    for name in ("", ".4khz", ".known_80"):
+    for name in ("zhu.table3.geomean_ratio", "zhu.table3.geomean_ratio.4khz", "zhu.table3.joint_3.0p5hz"):
+        assert "friction and KE as hd ladder identified them" in made[name] and "truth" not in made[name]
+    for name in (".truth", ".4khz.truth", ".known_80"):
         assert "friction and KE copied from the plant's truth" in made[f"zhu.table3.geomean_ratio{name}"]
     assert "truth" not in made["zhu.table3.geomean_ratio.plain"]
     for text in (text for name, text in made.items() if name.startswith("zhu.coordinated")):
@@ -135,3 +138,15 @@ def test_conditions_name_the_variant_and_where_the_knowledge_comes_from(monkeypa
 def test_the_literal_law_runs_the_literal_law():
     values = setup_of(Case("single_joint_3", ("slow",), ("literal",))).node_values("torque_node")
     assert values["compliance_derivative"] == "literal" and values["damping_time"] == [1e-3]
+
+
+def test_what_the_ladder_identified_is_what_hd_apply_makes_of_it():
+    """Near the plant's own numbers, and not equal to them: nothing is copied."""
+    options = ("identified_friction", "kinematic_feedforward")
+    for joint in zhu_table.JOINTS:
+        case = Case(f"single_joint_{joint}", ("slow",), options)
+        truth = setup_of(case).node_values("torque_node")
+        found = setup_of(replace(case, source="ladder")).node_values("torque_node")
+        wave = [np.hypot(v["kinematic_cosine_2"][0], v["kinematic_sine_2"][0]) for v in (truth, found)]
+        assert wave[1] == pytest.approx(wave[0], rel=0.2) and wave[1] != wave[0], joint
+        assert 0.5 < found["viscous_positive_initial"][0] / truth["viscous_positive_initial"][0] < 1.5
