@@ -112,6 +112,14 @@ def test_f44_no_command_is_taken_before_the_first_tick_nor_for_the_next_one(seam
     assert seam.complete(0) and not seam.complete(1)
 
 
+def test_nobody_has_asked_for_a_reset_at_the_start(seam):
+    seam.measure(0)
+    assert not seam.native.reset_asked and seam.native.resets == 0
+    seam.native.reset_asked = True
+    seam.measure(1)
+    assert not seam.native.reset_asked and seam.native.resets == 1 and seam.native.refusals.size == 0
+
+
 def test_commands_of_another_time_are_forgotten_when_time_goes_back(seam):
     _run(seam, 10_000, 10_200, _gravity(seam))
     seam.latch(50)

@@ -2,8 +2,19 @@
 
 from __future__ import annotations
 
-EQUIVALENT: dict[tuple[str, str, str], str] = {}
-"""Module, line of code, change: reason."""
+EQUIVALENT: dict[tuple[str, str, str], str] = {
+    (
+        "hd_sim/cpp/drive_side.hpp",
+        "if (brake_closed || rows.count > 0) move_brake();",
+        "> -> >=",
+    ): "the brakes are looked at in every tick then, and move in the same one",
+    (
+        "hd_control/cpp/sensor_watch.hpp",
+        "const double* period = wraps_ ? period_.data() : nullptr;",
+        "condition -> true",
+    ): "where nothing wraps every period is 0, which is the same as none",
+}
+"""Module or header, line of code, change: reason."""
 
 
 def reason_of(module: str, code: str, change: str) -> str:

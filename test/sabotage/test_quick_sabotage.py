@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from bugs import BUGS, QUICK
+from cpp_mutants import HEADERS
 from equivalent import EQUIVALENT
 from mutants import MODULES, ROOT, path_of
 from saboteur import is_noticed
@@ -30,7 +31,8 @@ def stale_bugs(bugs):
 
 def stale_reasons(equivalent):
     """Lines of code with a reason that are not there any more."""
-    lines = {module: {line.strip() for line in path_of(module).read_text().splitlines()} for module in MODULES}
+    sources = {module: path_of(module) for module in MODULES} | {header: ROOT / header for header in HEADERS}
+    lines = {name: {line.strip() for line in path.read_text().splitlines()} for name, path in sources.items()}
     return [key for key in equivalent if key[1] not in lines.get(key[0], ())]
 
 

@@ -46,6 +46,16 @@ def test_ordinary_motion_passes_bit_for_bit(form):
         assert used.tobytes() == row.tobytes() and faults == []
 
 
+def test_a_spike_of_one_joint_leaves_the_prediction_of_the_other_as_it_would_be(form):
+    """0.027 rad per sample of joint 1, limit 0.02, while joint 0 has a spike every second sample."""
+    place, rows = -2.0, []
+    for k, speed in enumerate((0.0, 0.015, 0.027, 0.027, 0.027, 0.027, 0.027, 0.027)):
+        place += speed
+        rows.append(reading(resolver_1=place, encoder_0=1.0 + 0.5 * (k % 2)))
+    for (used, faults), row in zip(screened(form, rows), rows[1:], strict=True):
+        assert used[1, 1] == row[1, 1] and {f.joint for f in faults} <= {0}
+
+
 def test_the_limit_is_against_the_prediction_not_the_last_value(form):
     """0.027 rad per sample is fine once it was reached in steps; a jump of that size from rest is not."""
     place, rows = 1.0, []
