@@ -120,6 +120,17 @@ def test_nobody_has_asked_for_a_reset_at_the_start(seam):
     assert not seam.native.reset_asked and seam.native.resets == 1 and seam.native.refusals.size == 0
 
 
+def test_the_state_says_what_the_drives_do(seam):
+    """Connecting, warming, armed with open brakes, stopped; armed again only once the brakes are open again."""
+    seen = [seam.native.state]
+    for first, last, command in ((0, 1, 0.0), (1, 110, 0.1), (110, 115, _gravity(seam)), (115, 200, None)):
+        _run(seam, first, last, None if command is None else np.zeros(7) + command)
+        seen.append(seam.native.state)
+        if last == 110:
+            assert seam.armed and seam.brake_closed, "they obey, but the torque does not carry the arm"
+    assert seen == [0, 1, 1, 2, 3]
+
+
 def test_commands_of_another_time_are_forgotten_when_time_goes_back(seam):
     _run(seam, 10_000, 10_200, _gravity(seam))
     seam.latch(50)

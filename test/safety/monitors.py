@@ -38,14 +38,14 @@ def wide(**narrow) -> SafetyLimits:
 class Sensors:
     """Encoder, resolver and gauge behind the fusion law's monitors. Positions in rad at the output side.
 
-    `periods`: encoder and resolver wrap at these (n,) rad, 0: never. Ticks are multiples of four, in which the sensors
-    are compared with each other too.
+    `periods`: encoder and resolver wrap at these (n,) rad of their own, 0: never; `gear`: rotor turns per joint turn.
+    Ticks are multiples of four, in which the sensors are compared with each other too.
     """
 
-    def __init__(self, form: str, periods=(0.0, 0.0), **narrow) -> None:
+    def __init__(self, form: str, periods=(0.0, 0.0), gear=1.0, **narrow) -> None:
         params = fusion.layout("FusionParams", N).zeros()
         params.derivative_cutoff, params.crossover = 100.0, 10.0
-        params.gear_ratio = params.gauge_gain = 1.0
+        params.gear_ratio, params.gauge_gain = gear, 1.0
         params.torsional_stiffness = STIFFNESS
         params.encoder_period, params.resolver_period = periods
         limits = wide(**narrow)
@@ -57,12 +57,12 @@ class Sensors:
             self._stage.offer(params.array)
             self._stage.start()
             self.sample = Block(fusion.layout("FusionSample", N), self._stage.sample)
-        self.form, self.tick = form, -4
+        self.form, self.gear, self.tick = form, gear, -4
 
     def send(self, encoder, resolver, gauge, ticks=4):
         """One sample; its faults."""
         self.tick += ticks
-        readings = encoder, resolver, gauge
+        readings = np.multiply(encoder, self.gear), resolver, gauge
         for name, values in zip(("motor_shaft_position", "joint_position", "gauge_torque"), readings, strict=True):
             self.sample.view(name)[:] = values
         with np.errstate(all="ignore"):
@@ -73,7 +73,7 @@ class Sensors:
     def used(self):
         """The readings (3, n) that the law got."""
         s = self.sample
-        return np.stack([s.motor_shaft_position, s.joint_position, s.gauge_torque])
+        return np.stack([s.motor_shaft_position / self.gear, s.joint_position, s.gauge_torque])
 
     @property
     def withheld(self):

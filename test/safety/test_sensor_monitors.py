@@ -46,6 +46,15 @@ def test_ordinary_motion_passes_bit_for_bit(form):
         assert used.tobytes() == row.tobytes() and faults == []
 
 
+def test_f06_an_encoder_wraps_at_its_own_period_whatever_the_gear(form):
+    """At 2 pi of the rotor, so at a quarter of it on the output side of a gear of 4."""
+    wrap = 2.0 * math.pi
+    rows = [reading(encoder_0=((4.0 + 0.036 * k + math.pi) % wrap - math.pi) / 4.0) for k in range(300)]
+    found = screened(form, rows, periods=(wrap, 0.0), gear=4.0)
+    assert all(faults == [] for _, faults in found)
+    assert sum(abs(b[0][0] - a[0][0]) > 1.0 for a, b in zip(rows, rows[1:], strict=False)) > 0, "it has wrapped"
+
+
 def test_a_spike_of_one_joint_leaves_the_prediction_of_the_other_as_it_would_be(form):
     """0.027 rad per sample of joint 1, limit 0.02, while joint 0 has a spike every second sample."""
     place, rows = -2.0, []
