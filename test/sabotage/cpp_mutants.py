@@ -59,7 +59,10 @@ OTHER = {"<": "<=", "<=": "<", ">": ">=", ">=": ">", "==": "!=", "!=": "==", "&&
 ENDS = {";", ",", "=", "?", ":", "{", "}", "return", "+=", "-=", "*=", "/=", "&=", "|=", "else"}
 PLACES = {"at", "size", "kGuardRows", "reserve", "resize"}
 """Calls whose arguments are sizes or places in memory."""
-ADDRESSES = re.compile(r"\.data\(\)|\.begin\(\)|\brefusals \+|\bbound \+|\b(?:low|high|shaft) \+ n\b|\bguard_limits \+")
+ADDRESSES = re.compile(
+    r"\.data\(\)|\.begin\(\)|\brefusals \+|\bbound \+|\b(?:low|high|shaft) \+ n\b|\bguard_limits \+"
+    r"|\b(?:from|joint_velocity) \+ n\b|\bgear_ratio \+ joints\b"
+)
 
 
 @dataclass(frozen=True)
