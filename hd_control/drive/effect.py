@@ -34,6 +34,8 @@ Columns = dict[str, FloatArray]
 
 MOTOR, TRANSMISSION, LINK = "motor_torque", "transmission", "link_torque"
 CHANNELS = (MOTOR, TRANSMISSION, LINK)
+GAUGE, JOINT_SENSOR = "gauge_torque", "joint_position"
+"""Signals that an effect may only read wrong: it moves nothing."""
 UNITS = {MOTOR: "N m", TRANSMISSION: "rad", LINK: "N m"}
 
 
@@ -190,6 +192,9 @@ class Effect(ABC):
     (calibration seeds 100 500 to 100 739), the block bootstrap alone covered too rarely by that much."""
     near_reversals: ClassVar[NearReversals | None] = None
     """Set for an effect that acts only near reversals: it is tested there after the search, which leaves it out."""
+    reads: ClassVar[str] = ""
+    """`GAUGE` or `JOINT_SENSOR` for an effect of a sensor, that moves nothing: the columns of all balances follow from
+    what the signal reads too much, its column of the link balance (gauge) or of the transmission (joint sensor)."""
     shifts_command: ClassVar[str] = ""
     """The parameter, s, by which the balances delay the recorded motor torque before anything is fitted: a fit finds
     what comes on top of the model's value, and the effect stays a candidate."""
@@ -213,6 +218,11 @@ class Effect(ABC):
     def shapes(cls, states: DriveStates) -> Sequence[Shape]:
         """The shapes that a search tries on this recording, coarse first guess of each; never empty."""
         return ({},)
+
+    @classmethod
+    def more_shapes(cls, states: DriveStates) -> Sequence[Shape]:
+        """Shapes beyond these that only the innovations separate from load and inertia."""
+        return ()
 
     @classmethod
     def shape_bounds(cls, shape: Shape, states: DriveStates) -> dict[str, tuple[float, float]]:

@@ -20,7 +20,19 @@ import numpy as np
 
 from hd_control.core.arrays import FloatArray
 from hd_control.core.errors import ConfigError
-from hd_control.drive.effect import CHANNELS, UNITS, Columns, Context, DriveStates, Effect, EffectParameter, Shape
+from hd_control.drive.effect import (
+    CHANNELS,
+    GAUGE,
+    LINK,
+    MOTOR,
+    UNITS,
+    Columns,
+    Context,
+    DriveStates,
+    Effect,
+    EffectParameter,
+    Shape,
+)
 
 # ---- Formulas --------------------------------------------------------------------------------------
 
@@ -243,6 +255,7 @@ def _effect_class(
     )
     members = {"name": name, "title": name.replace("_", " "), "parameters": described, "expression": expression}
     members["evidence"] = f"follows {'a table over ' + table.signal.replace('_', ' ') if table else formula}"
+    members["reads"] = GAUGE if expression.channels == {MOTOR: -1.0, LINK: 1.0} else ""
     return type(f"Expression_{name}", (_TableEffect if table is not None else _FormulaEffect,), members)
 
 

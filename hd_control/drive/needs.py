@@ -25,7 +25,7 @@ class Covered:
     `torque_low`, `torque_high` N m: 2 % and 98 % quantiles of the joint torque; `rated_torque` N m of the gear, None
     where it is not known. `joint_range` rad, `motor_turns` turns of the rotor, `temperature_span` K, 0 where it is not
     measured. `repetition`: largest autocorrelation of the speed beyond 1 s; `speed_variety`: effective number of
-    quarter decades of speed.
+    quarter decades of speed; `speed_decades` between its 5 % and its 99 % quantile.
     """
 
     torque_low: float
@@ -36,6 +36,7 @@ class Covered:
     temperature_span: float
     repetition: float
     speed_variety: float
+    speed_decades: float
 
 
 @dataclass(frozen=True)
@@ -76,3 +77,16 @@ WHOLE_TURN = Need(
     "a slow move over 20 or more motor turns, both directions",
 )
 """A whole turn of the motor."""
+
+
+SPEED_DECADES = 1.3
+"""Decades of speed that the shape of friction over speed needs."""
+SPEEDS = Need(
+    lambda c: (
+        f"speeds over {c.speed_decades:.2f} decades only ({SPEED_DECADES:g} needed)"
+        if c.speed_decades < SPEED_DECADES
+        else ""
+    ),
+    "the shape of friction over speed",
+    "constant speeds or a triangular velocity in both directions, log-spaced from 0.03 to 1 rad/s, at least 25 s",
+)

@@ -19,7 +19,7 @@ import numpy as np
 
 from hd_control.core.arrays import BoolArray, FloatArray, IntArray
 from hd_control.core.errors import ConfigError
-from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, DriveStates, Effect, Shape
+from hd_control.drive.effect import GAUGE, LINK, MOTOR, TRANSMISSION, DriveStates, Effect, Shape
 from hd_control.drive.link import OwnLink
 from hd_control.drive.model import JointModel
 
@@ -67,10 +67,10 @@ class Plant:
         if stiffness <= 0.0 or inertia <= 0.0:
             raise ConfigError("a prediction needs torsional_stiffness and rotor_inertia in the model")
         known = [term for term in joint.terms(states.torque_scale) if term[0].name not in BASE]
-        gauge = [term for term in known if _is_gauge(term[0], joint)]
+        gauge = [term for term in known if term[0].reads == GAUGE]
         added = sum((e.columns(states, s)[LINK] @ c for e, s, c in gauge), np.zeros(states.time.size))
         states = replace(states, joint_torque=states.gauge_torque - added)
-        terms = tuple(_term(e, s, c, states) for e, s, c in known if not _is_gauge(e, joint))
+        terms = tuple(_term(e, s, c, states) for e, s, c in known if e.reads != GAUGE)
         torsion = [t.effect.columns(states, t.shape).get(TRANSMISSION) for t in terms]
         wave = sum((c @ t.coefficients for c, t in zip(torsion, terms, strict=True) if c is not None), 0.0)
         zero = states.joint_position - states.motor_position + states.joint_torque / stiffness - wave
@@ -97,13 +97,6 @@ def _median(values: FloatArray) -> float:
     """Of the real ones; 0 if there are none."""
     real = values[np.isfinite(values)]
     return float(np.median(real)) if real.size else 0.0
-
-
-def _is_gauge(effect: type[Effect], joint: JointModel) -> bool:
-    """Does the effect belong to the torque sensor, so that it moves nothing?"""
-    if effect.name in joint.expressions:
-        return dict(joint.expressions[effect.name].channels) == {MOTOR: -1.0, LINK: 1.0}
-    return effect.name.startswith("gauge_")
 
 
 def _term(effect: type[Effect], shape: Shape, coefficients: FloatArray, states: DriveStates) -> Term:

@@ -10,7 +10,17 @@ import numpy as np
 import pytest
 from drive.drive_cases import CONTEXT, moving, states_of
 
-from hd_control.drive.effect import BASE_NUMBERS, CHANNELS, MOTOR, TORSION_FAMILY, Effect
+from hd_control.drive.effect import (
+    BASE_NUMBERS,
+    CHANNELS,
+    GAUGE,
+    JOINT_SENSOR,
+    LINK,
+    MOTOR,
+    TORSION_FAMILY,
+    TRANSMISSION,
+    Effect,
+)
 from hd_control.drive.library import base_numbers, library, names_in_every_model, names_that_may_be_missing
 from hd_control.drive.needs import VARIED_LOOPS, Covered
 from hd_control.drive.predict import rows_of
@@ -25,8 +35,8 @@ MAY_BE_MISSING = set(
 SYMBOLS = {"rad", "N", "m", "s", "kg", "K", "degC", "Hz", "turn", "1"}
 """Of the units; `N m s/K`, `1/(N m)^2` and `-` are made of them."""
 
-RICH = Covered(-50.0, 50.0, 100.0, 3.0, 100.0, 20.0, 0.3, 12.0)
-POOR = Covered(3.0, 3.1, 100.0, 0.01, 0.1, 0.0, 0.95, 2.0)
+RICH = Covered(-50.0, 50.0, 100.0, 3.0, 100.0, 20.0, 0.3, 12.0, 1.8)
+POOR = Covered(3.0, 3.1, 100.0, 0.01, 0.1, 0.0, 0.95, 2.0, 0.4)
 """A recording that covers everything, and one that covers nothing."""
 
 every = pytest.mark.parametrize("effect", library().values(), ids=library().keys())
@@ -254,12 +264,25 @@ def test_needs_turn_at_their_limits() -> None:
         "backlash": [({"torque_low": 0.1}, False), ({"torque_high": -0.1}, False), ({"torque_low": -0.1}, True)],
         "kinematic_error": [({"motor_turns": 0.99}, False), ({"motor_turns": 1.0}, True)],
         "temperature_friction": [({"temperature_span": 5.9}, False), ({"temperature_span": 6.1}, True)],
+        "quadratic_drag": [({"speed_decades": 1.29}, False), ({"speed_decades": 1.31}, True)],
         "joint_sensor_eccentricity": [({"joint_range": 0.78}, False), ({"joint_range": 0.79}, True)],
     }
     for name, many in cases.items():
         for change, met in many:
             unmet = [need for need in library()[name].needs() if need.unmet(replace(RICH, **change))]
             assert len(unmet) == (not met), f"{name}: {change}"
+
+
+@each_form
+def test_what_a_sensor_misreads_is_in_every_balance_alike(effect: type[Effect], values: dict[str, float]) -> None:
+    """The gauge on rotor and link with opposite signs, the joint sensor in the transmission alone: one column each."""
+    shape, _ = effect.split(values, CONTEXT)
+    columns = effect.columns(moving(), shape)
+    opposite = {MOTOR, LINK} <= set(columns) and np.array_equal(columns[MOTOR], -columns[LINK])
+    assert (effect.reads == GAUGE) == opposite
+    if effect.reads == JOINT_SENSOR:
+        assert set(columns) == {TRANSMISSION}
+    assert effect.reads in ("", GAUGE, JOINT_SENSOR)
 
 
 @every

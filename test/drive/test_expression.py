@@ -9,7 +9,7 @@ import pytest
 from drive.drive_cases import CONTEXT, moving
 
 from hd_control.core.errors import ConfigError
-from hd_control.drive.effect import Effect
+from hd_control.drive.effect import GAUGE, LINK, MOTOR, Effect
 from hd_control.drive.expression import Expression, Table, check_names, parse_formula
 from hd_control.drive.model_file import parse_model
 
@@ -139,3 +139,9 @@ def test_a_table_is_piecewise_linear_and_zero_outside(times: str, factor: np.nda
 def test_a_wrong_table_is_named(table: Table, words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         Expression("mine", {"link_torque": 1.0}, table=table).effect()
+
+
+def test_opposite_signs_on_rotor_and_link_are_a_reading_of_the_gauge() -> None:
+    both = Expression("drift", {MOTOR: -1.0, LINK: 1.0}, "c * time", None, {}).effect()
+    alone = Expression("drag", {MOTOR: 1.0}, "c * time", None, {}).effect()
+    assert (both.reads, alone.reads) == (GAUGE, "")

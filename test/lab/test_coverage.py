@@ -137,7 +137,7 @@ def test_a_good_recording_has_no_shortfall() -> None:
         ({"repetition": 0.91, "speed_variety": 5.9}, EVERYTHING, "the same few moves again and again"),
         ({"reversals": 4}, (MOTOR, LINK), "4 changes of direction"),
         ({"both_directions": False}, (MOTOR, LINK), "motion mostly one way"),
-        ({"slow_speed": 0.05}, (MOTOR, LINK), "1.2 decades, 1.3 needed"),
+        ({"slow_speed": 0.05}, (MOTOR, LINK), "1.20 decades, 1.3 needed"),
         ({"acceleration_snr": {MOTOR: 9.9, TRANSMISSION: np.inf, LINK: 11.0}}, (MOTOR,), "acceleration 9.9 times"),
         ({"acceleration_snr": {MOTOR: 11.0, TRANSMISSION: np.inf, LINK: 9.9}}, (LINK,), "acceleration 9.9 times"),
         ({"compliance_error": 0.021}, (TRANSMISSION,), "stiffness within 2 % only"),

@@ -14,6 +14,7 @@ import numpy as np
 
 from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import (
+    GAUGE,
     LINK,
     MOTOR,
     Columns,
@@ -34,6 +35,7 @@ class GaugeGain(Effect):
     name = "gauge_gain"
     title = "gain error of the torque gauge"
     evidence = "grows with the indicated torque and stands in the rotor and the link balance with opposite signs"
+    reads = GAUGE
     parameters = (
         EffectParameter(
             "gauge_gain_error", "-", "indicated over true torque, minus one", low=-0.9, high=10.0, linear=False

@@ -12,6 +12,7 @@ from typing import final
 import numpy as np
 
 from hd_control.drive.effect import (
+    GAUGE,
     LINK,
     MOTOR,
     Columns,
@@ -31,6 +32,7 @@ class GaugeOffset(Effect):
     name = "gauge_offset"
     title = "zero error of the torque gauge"
     evidence = "is constant and stands in the rotor and the link balance with opposite signs"
+    reads = GAUGE
     parameters = (EffectParameter("gauge_offset", "N m", "indicated minus true torque"),)
     confusions = (
         Confusion(

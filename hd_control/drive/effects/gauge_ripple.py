@@ -19,6 +19,7 @@ import numpy as np
 
 from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import (
+    GAUGE,
     LINK,
     MOTOR,
     TRANSMISSION,
@@ -44,6 +45,7 @@ class GaugeRipple(Effect):
     name = "gauge_ripple"
     title = "ripple of the torque gauge"
     evidence = "repeats with the turn of the wave generator in the rotor and the link balance with opposite signs"
+    reads = GAUGE
     parameters = (
         *(
             EffectParameter(f"{part}_{n}", "N m", f"{part} of order {n} of the gauge angle", default=0.0)

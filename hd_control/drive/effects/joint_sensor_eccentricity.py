@@ -15,6 +15,7 @@ import numpy as np
 
 from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import (
+    JOINT_SENSOR,
     TRANSMISSION,
     Columns,
     Confusion,
@@ -49,6 +50,7 @@ class JointSensorEccentricity(Effect):
     name = "joint_sensor_eccentricity"
     title = "eccentricity of the joint sensor"
     evidence = "follows the joint angle once or twice per turn, independent of load and direction"
+    reads = JOINT_SENSOR
     parameters = tuple(
         EffectParameter(f"{part}_{n}", "rad", f"{part} of order {n} per joint turn", default=0.0)
         for n in ORDERS

@@ -21,6 +21,7 @@ from hd_control.drive.effect import (
     Reference,
     Shape,
 )
+from hd_control.drive.needs import SPEEDS, Need
 
 
 @final
@@ -36,6 +37,10 @@ class QuadraticDrag(Effect):
     )
     references = (Reference({}, {"motor_velocity": -2.0}, {MOTOR: [[-4.0]]}),)
     examples = ({"quadratic_drag": 5.5},)
+
+    @classmethod
+    def needs(cls) -> tuple[Need, ...]:
+        return (SPEEDS,)
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

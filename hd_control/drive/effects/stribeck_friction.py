@@ -25,6 +25,7 @@ from hd_control.drive.effect import (
     Reference,
     Shape,
 )
+from hd_control.drive.needs import SPEEDS, Need
 
 
 @final
@@ -50,6 +51,10 @@ class StribeckFriction(Effect):
         ),
     )
     examples = ({"stribeck_ratio": 1.4, "stribeck_velocity": 0.05},)
+
+    @classmethod
+    def needs(cls) -> tuple[Need, ...]:
+        return (SPEEDS,)
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

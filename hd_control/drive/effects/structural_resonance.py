@@ -30,6 +30,7 @@ from hd_control.drive.effect import (
 from hd_control.drive.shapes import held
 
 FREQUENCIES = (9.0, 11.0, 13.0, 15.5, 18.0, 21.0, 24.0, 27.0, 31.0, 36.0)
+SLOW_FREQUENCIES = (1.5, 2.5, 4.0, 5.5, 7.0)
 DAMPINGS = (0.02, 0.05, 0.12)
 
 
@@ -65,8 +66,13 @@ class StructuralResonance(Effect):
         )
 
     @classmethod
+    def more_shapes(cls, states: DriveStates) -> Sequence[Shape]:
+        return tuple({"frequency": f, "damping_ratio": z} for f in SLOW_FREQUENCIES for z in DAMPINGS)
+
+    @classmethod
     def shape_bounds(cls, shape: Shape, states: DriveStates) -> dict[str, tuple[float, float]]:
-        return {"frequency": (4.0, min(60.0, 0.3 / states.period)), "damping_ratio": (3e-3, 0.5)}
+        lowest = min(4.0, 0.5 * float(shape["frequency"]))
+        return {"frequency": (lowest, min(60.0, 0.3 / states.period)), "damping_ratio": (3e-3, 0.5)}
 
     @classmethod
     def coefficient_names(cls, shape: Shape) -> tuple[str, ...]:

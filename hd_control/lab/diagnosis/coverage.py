@@ -12,12 +12,11 @@ import numpy as np
 
 from hd_control.core.arrays import FloatArray
 from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, Effect
-from hd_control.drive.needs import RAMPS, SPEED_VARIETY, TORSION, Covered
+from hd_control.drive.needs import RAMPS, SPEED_DECADES, SPEED_VARIETY, TORSION, Covered
 from hd_control.lab.balances.channels import JointEquations
 from hd_control.lab.balances.equations import ACCELERATION_SNR
 from hd_control.lab.balances.states import reversals
 
-SPEED_DECADES = 1.3
 REVERSALS = 5
 DURATION_S = 12.0
 COMPLIANCE_ERROR = 0.02
@@ -68,6 +67,7 @@ class Coverage:
             temperature_span=self.temperature_span,
             repetition=self.repetition,
             speed_variety=self.speed_variety,
+            speed_decades=self.speed_decades,
         )
 
 
@@ -140,7 +140,15 @@ _SPEEDS = "constant speeds or a triangular velocity in both directions, log-spac
 _CHIRP = "a sum of sines from 0.1 to 2.5 Hz (22 s) and a chirp from 0.3 to 20 Hz (13 s), both within the robot's limits"
 
 
-def shortfalls(found: Coverage) -> list[Shortfall]:
+@dataclass(frozen=True)
+class Gates:
+    """What a form of diagnosis needs at least: decades of speed, power of the acceleration over its noise."""
+
+    decades: float = SPEED_DECADES
+    acceleration: float = ACCELERATION_SNR
+
+
+def shortfalls(found: Coverage, gates: Gates = Gates()) -> list[Shortfall]:
     """What is missing for a full diagnosis, most important first. Empty for a recording that can decide."""
     everything = (MOTOR, TRANSMISSION, LINK)
     missing: list[Shortfall] = []
@@ -159,16 +167,16 @@ def shortfalls(found: Coverage) -> list[Shortfall]:
     if found.reversals < REVERSALS or not found.both_directions:
         what = f"{found.reversals} changes of direction" + ("" if found.both_directions else ", motion mostly one way")
         missing.append(Shortfall(what, (MOTOR, LINK), "friction against offsets and load", _SPEEDS))
-    if found.speed_decades < SPEED_DECADES:
+    if found.speed_decades < gates.decades:
         what = (
             f"speeds from {found.slow_speed:.3g} to {found.fast_speed:.3g} rad/s only "
-            f"({found.speed_decades:.1f} decades, {SPEED_DECADES:g} needed)"
+            f"({found.speed_decades:.2f} decades, {gates.decades:g} needed)"
         )
         missing.append(Shortfall(what, (MOTOR, LINK), "the shape of friction over speed", _SPEEDS))
     for name in (MOTOR, LINK):
         snr = found.acceleration_snr.get(name)
-        if snr is not None and snr < ACCELERATION_SNR:
-            what = f"acceleration {snr:.1f} times its noise in power ({ACCELERATION_SNR:g} needed)"
+        if snr is not None and snr < gates.acceleration:
+            what = f"acceleration {snr:.1f} times its noise in power ({gates.acceleration:g} needed)"
             missing.append(Shortfall(what, (name,), "inertia against friction and delays", _CHIRP))
     if TRANSMISSION in found.acceleration_snr and found.compliance_error > COMPLIANCE_ERROR:
         what = f"stiffness within {100 * found.compliance_error:.0f} % only"
