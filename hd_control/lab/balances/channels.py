@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hd_control.core.arrays import BoolArray, FloatArray
-from hd_control.drive.effect import LINK, MOTOR, DriveStates
+from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, Columns, DriveStates
 from hd_control.lab.balances.states import Derived
 from hd_control.lab.signals.filters import Band, Spectral
 
@@ -26,6 +26,7 @@ class Base:
     column: FloatArray
     prior: float = np.inf
     shared: bool = False
+    owner: str = ""
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,19 @@ class JointEquations:
     link_scale: float = 1.0
     substituted: tuple[str, ...] = field(default=())
     too_short: tuple[str, ...] = field(default=())
+
+    @property
+    def damping_time(self) -> float:
+        """Of the spring around which the torsion is linear, s."""
+        return self.channels[TRANSMISSION].damping_time
+
+    def offset(self, channel: str, name: str) -> float:
+        """What is added to a base coefficient: 0, it is the value itself."""
+        return 0.0
+
+    def rows_of(self, columns: Columns, reads: str = "") -> dict[str, FloatArray]:
+        """Columns (n, k) of an effect at the rate of the recording -> (rows, k) by channel, filtered as the left."""
+        return {name: self.channels[name].rows_of(c) for name, c in columns.items() if name in self.channels}
 
     def with_scales(self, scales: Mapping[str, float]) -> JointEquations:
         """The same equations with left sides divided by the estimated a and b, so that the next estimate is near 1."""
