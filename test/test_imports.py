@@ -27,8 +27,13 @@ ALLOWED: dict[str, set[str]] = {
     # The workbench's arithmetic: each floor stands on those above it in this list.
     "hd_control.lab.signals": {"hd_control.core", "hd_control.record"},
     "hd_control.lab.balances": {"hd_control.core", "hd_control.drive", "hd_control.lab.signals"},
+    "hd_control.lab.innovations": {
+        "hd_control.core", "hd_control.drive", "hd_control.lab.signals", "hd_control.lab.balances",
+        "hd_control._innovations",
+    },
     "hd_control.lab.diagnosis": {
         "hd_control.core", "hd_control.drive", "hd_control.lab.signals", "hd_control.lab.balances",
+        "hd_control.lab.innovations",
     },
     "hd_control.lab.maps": {"hd_control.core", "hd_control.drive", "hd_control.lab.signals", "hd_control.lab.balances"},
     "hd_control.lab.models": {

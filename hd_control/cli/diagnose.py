@@ -40,6 +40,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of the command."""
     add_bag_options(parser)
     parser.add_argument("--model", metavar="M", required=True, help="model file or shipped model")
+    parser.add_argument(
+        "--form",
+        choices=("balances", "innovations"),
+        default="balances",
+        help="what decides: the residuals of the balances, or what a filter of the joint did not predict",
+    )
     parser.add_argument("--exit-code", action="store_true", help="end with 1 unless every joint is adequate")
 
 
@@ -60,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
         "joints": {},
     }
     verdicts, contradicted = set(), False
-    for joint, found in by_joint(arguments, joints, partial(_diagnose, recording, model), "diagnosing"):
+    for joint, found in by_joint(arguments, joints, partial(_diagnose, recording, model, arguments.form), "diagnosing"):
         document["joints"][joint] = found.json()
         verdicts.add(found.verdict)
         contradicted |= bool(found.contradictions)
@@ -74,10 +80,10 @@ def run(arguments: argparse.Namespace) -> int:
     return exit_code(recording)
 
 
-def _diagnose(recording: Recording, model: Model, joint: str) -> JointDiagnosis:
+def _diagnose(recording: Recording, model: Model, form: str, joint: str) -> JointDiagnosis:
     from hd_control.lab.models.answers import diagnose_joint
 
-    return replace(diagnose_joint(recording, model, joint), fit=None)
+    return replace(diagnose_joint(recording, model, joint, form=form), fit=None)
 
 
 def lines(joint: str, found: JointDiagnosis) -> Iterator[str]:

@@ -73,7 +73,9 @@ def test_columns_have_unit_norm_and_their_physical_size_is_the_norm() -> None:
         part = found.rows[name]
         at = int(np.flatnonzero(part.index == everywhere.index[0])[0])
         np.testing.assert_allclose(
-            part.columns[:, at] * found.norm[everywhere.index[0]], found.whitened(name, candidate)[:, 0], rtol=1e-6
+            part.columns[:, at] * found.norm[everywhere.index[0]],
+            found.whitened({name: candidate})[name][:, 0],
+            rtol=1e-6,
         )
 
 

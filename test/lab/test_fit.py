@@ -253,7 +253,8 @@ def test_shapes_are_drawn_with_the_coefficients() -> None:
     effect, states, h = group.effect, d.equations.states, 1e-4
     assert effect is not None
     near = [effect.columns(states, {"stribeck_velocity": 0.1 + s * h})[MOTOR][:, 0] for s in (-1.0, 1.0)]
-    slope = d.whitened(MOTOR, ((near[1] - near[0]) / (2.0 * h) * fit.coefficients[group.index[0]])[:, None])
+    change = (near[1] - near[0]) / (2.0 * h) * fit.coefficients[group.index[0]]
+    slope = d.whitened({MOTOR: change[:, None]})[MOTOR]
     part = d.rows[MOTOR]
     x = np.concatenate([part.columns, slope], axis=1)
     linear = float(np.sqrt(np.linalg.pinv(x.T @ x)[-1, -1]))

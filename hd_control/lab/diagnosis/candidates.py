@@ -5,13 +5,13 @@ A free curve is a cubic spline of one variable without a law, the net for what n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from hd_control.core.arrays import FloatArray, IntArray
-from hd_control.drive.effect import LINK, MOTOR, TRANSMISSION, Columns, DriveStates, Effect, Shape
+from hd_control.drive.effect import GAUGE, LINK, MOTOR, TRANSMISSION, Columns, DriveStates, Effect, Shape
 
 # ---- Free curves -----------------------------------------------------------------------------------
 
@@ -32,6 +32,7 @@ class Curve:
     knots: FloatArray
     variable: str
     kind: str = "plain"
+    reads: str = ""
 
 
 def splines(x: FloatArray, knots: FloatArray) -> FloatArray:
@@ -77,6 +78,20 @@ def curves(states: DriveStates, channels: set[str], time_too: bool = True) -> li
         found += _link_curves(states, time_too)
     if MOTOR in channels and LINK in channels:
         found += _gauge_curves(states, time_too)
+    return found
+
+
+def more_curves(s: DriveStates, channels: Collection[str]) -> list[Curve]:
+    """Curves beyond these that only the innovations separate from what the balances hold: viscous friction of a place,
+    friction of the link that depends on the place or comes and goes."""
+    found: list[Curve] = []
+    place = _usable(s.joint_position, 0.02)
+    if MOTOR in channels and place:
+        found += _make(MOTOR, s, "joint_position", s.joint_position, even_knots(s.joint_position, 12), "with speed")
+    if LINK in channels and place:
+        found += _make(LINK, s, "joint_position", s.joint_position, even_knots(s.joint_position, 16), "with direction")
+    if LINK in channels:
+        found += _make(LINK, s, "time", s.time, even_knots(s.time, 24), "with direction")
     return found
 
 
@@ -192,14 +207,22 @@ def _gauge_curves(s: DriveStates, time_too: bool) -> list[Curve]:
     if _turned(s):
         name, knots = "motor_shaft_position", np.array(ORDERS, dtype=float)
         found.append(
-            Curve(f"gauge: {name} plain", (name,), lambda states: misread(states, _waves(states)), knots, name)
+            Curve(
+                f"gauge: {name} plain",
+                (name,),
+                lambda states: misread(states, _waves(states)),
+                knots,
+                name,
+                reads=GAUGE,
+            )
         )
     return found
 
 
 def _gauge_curve(variable: str, x: FloatArray, knots: FloatArray) -> Curve:
     name = f"gauge: {variable} plain"
-    return Curve(name, (variable,), lambda states: misread(states, splines(x, knots)), knots, variable)
+    columns = lambda states: misread(states, splines(x, knots))  # noqa: E731
+    return Curve(name, (variable,), columns, knots, variable, reads=GAUGE)
 
 
 def misread(states: DriveStates, columns: FloatArray) -> Columns:
@@ -242,26 +265,38 @@ class Group:
         return self.curve is not None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Candidate:
-    """A group before it is in the dictionary: raw columns (n, k) by channel at the rate of the recording."""
+    """A group before it is in the dictionary: raw columns (n, k) by channel at the rate of the recording.
+
+    `rows`: what the equations make of them, if that is known already.
+    """
 
     name: str
     columns: Columns
     effect: type[Effect] | None = None
     shape: Shape = field(default_factory=dict)
     curve: Curve | None = None
+    rows: Mapping[str, FloatArray] | None = None
+
+    @property
+    def reads(self) -> str:
+        """The signal that is only read wrong; empty for what acts on the drive."""
+        if self.curve is not None:
+            return self.curve.reads
+        return "" if self.effect is None else self.effect.reads
 
 
 def library_candidates(
-    effects: Iterable[type[Effect]], states: DriveStates, channels: Collection[str]
+    effects: Iterable[type[Effect]], states: DriveStates, channels: Collection[str], more: bool = False
 ) -> Iterator[Candidate]:
-    """Every shape of every effect that acts on one of the channels and whose columns are finite on this recording.
+    """Every shape of every effect that acts on one of the channels and whose columns are finite on this recording;
+    `more`: also those that only the innovations can separate.
 
     One at a time: the columns of all of them together would not fit a small computer.
     """
     for effect in effects:
-        for shape in effect.shapes(states):
+        for shape in (*effect.shapes(states), *(effect.more_shapes(states) if more else ())):
             columns = {n: c for n, c in effect.columns(states, shape).items() if n in channels}
             finite = all(np.isfinite(c).all() for c in columns.values())
             if columns and finite and any(c.any() for c in columns.values()):

@@ -7,7 +7,7 @@ and two effects on one channel each are not one effect on both.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain, combinations
 
@@ -22,6 +22,7 @@ from hd_control.lab.diagnosis.dictionary import Dictionary, base_of, build
 from hd_control.lab.diagnosis.fit import Fit, index_of
 from hd_control.lab.diagnosis.scores import Scores
 from hd_control.lab.diagnosis.search import Search, Selection, Thresholds
+from hd_control.lab.innovations.equations import Given
 
 # ---- Two effects that cancel each other on one channel are one effect on another channel -----------
 #
@@ -111,16 +112,14 @@ class _Projected:
             residual = part.left[inside] - selected @ coefficients[part.index[columns]]
             self._parts[name] = residual, selected, order[place]
 
-    def loss(self, columns: Columns) -> tuple[float, FloatArray]:
+    def loss(self, columns: Columns, reads: str = "") -> tuple[float, FloatArray]:
         """(change of the loss in nats, negative is better; coefficients) when these raw columns are added."""
         width = next(iter(columns.values())).shape[1]
         gram, right = np.zeros((width, width)), np.zeros(width)
         cross = np.zeros((self._index.size, width))
-        for name, raw in columns.items():
-            if name not in self._parts:
-                continue
+        for name, rows in self.dictionary.whitened(columns, reads).items():
             residual, selected, place = self._parts[name]
-            x = self.dictionary.whitened(name, raw)[self.dictionary.rows[name].fold >= 0]
+            x = rows[self.dictionary.rows[name].fold >= 0]
             gram += x.T @ x
             right += x.T @ residual
             cross[place] += selected.T @ x
@@ -146,7 +145,7 @@ def refine(dictionary: Dictionary, scores: Scores, selection: tuple[Group, ...])
         projected = _Projected(dictionary, scores, rest)
         shape = _minimise(group, projected, bounds)
         if shape is not None:
-            columns = {n: c for n, c in group.effect.columns(states, shape).items() if n in dictionary.rows}
+            columns = {n: c for n, c in group.effect.columns(states, shape).items() if n in group.channels}
             found[group.name] = Candidate(group.name, columns, group.effect, shape)
     return found
 
@@ -172,7 +171,7 @@ def _minimise(group: Group, projected: _Projected, bounds: Mapping[str, tuple[fl
 
     def objective(x: FloatArray) -> float:
         columns = effect.columns(states, shape_of(np.clip(x, low, high)))
-        return projected.loss({n: c for n, c in columns.items() if n in projected.dictionary.rows})[0]
+        return projected.loss({n: c for n, c in columns.items() if n in group.channels}, effect.reads)[0]
 
     start = np.clip(code(np.array([float(group.shape[n]) for n in names])), low, high)
     before = objective(start)
@@ -308,7 +307,10 @@ REWOUND = 3e-4
 
 @dataclass(frozen=True)
 class Task:
-    """What is asked: the balances of a joint, the library, what the model holds already (effect, shape), and limits."""
+    """What is asked: the balances of a joint, the library, what the model holds already (effect, shape), and limits.
+
+    `given` makes what the innovations need beside them; None: there are none.
+    """
 
     equations: JointEquations
     library: Mapping[str, type[Effect]]
@@ -316,6 +318,7 @@ class Task:
     context: Context = Context(np.inf, 0.0, 1.0)
     rated_torque: float | None = None
     thresholds: Thresholds = Thresholds()
+    given: Callable[[], Given] | None = None
 
 
 def prepare(task: Task) -> Dictionary:

@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 
 from hd_control.drive.effect import MOTOR, TORSION_FAMILY, TRANSMISSION, UNITS
-from hd_control.lab.balances.channels import JointEquations
 from hd_control.lab.diagnosis.candidates import Group
 from hd_control.lab.diagnosis.claims import beside, refuted, sure, unknown_in
 from hd_control.lab.diagnosis.corrections import Task, search_effects
@@ -41,18 +40,18 @@ def diagnose(task: Task, dictionary: Dictionary | None = None) -> JointDiagnosis
     found = coverage(task.equations)
     blocked = {name for shortfall in shortfalls(found) for name in shortfall.channels}
     open_channels = {name: c for name, c in task.equations.channels.items() if name not in blocked}
-    if _hopeless(task.equations, found) or not open_channels:
-        return _refusal(task, found, shortfalls(found), {}, time.process_time() - start)
+    if not task.equations.channels or hopeless(found) or not open_channels:
+        return refusal(task, found, shortfalls(found), time.process_time() - start)
     if len(open_channels) < len(task.equations.channels):
         task, dictionary = replace(task, equations=replace(task.equations, channels=open_channels)), None
     search, selection = search_effects(task, dictionary)
     if TRANSMISSION in open_channels:
-        found = replace(found, compliance_error=_compliance_error(search, selection))
+        found = replace(found, compliance_error=compliance_error(search, selection))
     answer = _answer(task, found, shortfalls(found), search, selection)
     return replace(answer, seconds=time.process_time() - start)
 
 
-def _compliance_error(search: Search, selection: Selection) -> float:
+def compliance_error(search: Search, selection: Selection) -> float:
     """How well the motion determines the compliance: beside a law or curve of the torsion over torque it is one number
     of several of a curve, and says nothing of the motion."""
     bare = tuple(g for g in selection if TRANSMISSION not in g.channels or not _bends(g))
@@ -65,28 +64,28 @@ def _bends(group: Group) -> bool:
     return group.effect is not None and group.effect.family == TORSION_FAMILY
 
 
-def _hopeless(equations: JointEquations, found: Coverage) -> bool:
+def hopeless(found: Coverage) -> bool:
     """True if there are too few rows to fit anything."""
-    return not equations.channels or found.duration < 3.0 or found.moving < 1.0
+    return found.duration < 3.0 or found.moving < 1.0
 
 
-def _refusal(
-    task: Task, found: Coverage, missing: list[Shortfall], channels: Mapping[str, ChannelError], seconds: float
-) -> JointDiagnosis:
+def refusal(task: Task, found: Coverage, missing: list[Shortfall], seconds: float) -> JointDiagnosis:
+    """The answer to a recording of which nothing can be said."""
     return JointDiagnosis(
         joint=task.equations.joint,
         verdict=CANNOT_TELL,
         effects=(),
         unknown=None,
-        experiments=_experiments(missing),
-        channels=channels,
+        experiments=experiments_of(missing),
+        channels={},
         coverage=found,
         notes=tuple(shortfall.what for shortfall in missing),
         seconds=seconds,
     )
 
 
-def _experiments(missing: list[Shortfall]) -> tuple[Experiment, ...]:
+def experiments_of(missing: list[Shortfall]) -> tuple[Experiment, ...]:
+    """What to record, each once."""
     seen = dict.fromkeys((shortfall.purpose, shortfall.how) for shortfall in missing)
     return tuple(Experiment(purpose, how) for purpose, how in seen)
 
@@ -101,13 +100,14 @@ def _answer(
     channels = _errors(fit, raw, scores, selection)
     blocked = {name for shortfall in missing for name in shortfall.channels}
     effects, denied, withdrawn = _effects(task, found, search, fit, raw, blocked)
-    effects += _near_reversals(task, fit, blocked)
+    effects += effects_near_reversals(task, fit, blocked)
     unknown = unknown_in(fit, raw, search, selection, blocked)
     effects = sure(effects, unknown, {group.name: group.channels for group in selection})
-    experiments = list(_experiments([*missing, *denied]))
+    experiments = list(experiments_of([*missing, *denied]))
     for effect in effects:
-        experiments += _separating(task, effect)
-    verdict = _verdict(effects, unknown, bool(denied), blocked, {*found.acceleration_snr, *found.too_short})
+        experiments += separating(task, effect)
+    closed = bool(blocked & {*found.acceleration_snr, *found.too_short})
+    verdict = verdict_of(effects, unknown, bool(denied), closed)
     if verdict == CANNOT_TELL:
         effects, unknown = (), None
     notes = (*(shortfall.what for shortfall in [*missing, *denied]), *withdrawn)
@@ -117,14 +117,13 @@ def _answer(
     )
 
 
-def _verdict(
-    effects: tuple[NamedEffect, ...], unknown: Unknown | None, denied: bool, blocked: set[str], channels: set[str]
-) -> str:
+def verdict_of(effects: tuple[NamedEffect, ...], unknown: Unknown | None, denied: bool, closed: bool) -> str:
+    """The verdict in one word. `denied`: a name was not carried; `closed`: a balance could not be judged."""
     if effects:
         return MISSING_AND_UNKNOWN if unknown else MISSING
     if unknown:
         return UNKNOWN
-    return CANNOT_TELL if denied or blocked & channels else ADEQUATE
+    return CANNOT_TELL if denied or closed else ADEQUATE
 
 
 def _errors(fit: Fit, raw: RawRows, scores: Scores, selection: Selection) -> dict[str, ChannelError]:
@@ -214,7 +213,7 @@ def _named(
     )
 
 
-def _near_reversals(task: Task, fit: Fit, blocked: set[str]) -> tuple[NamedEffect, ...]:
+def effects_near_reversals(task: Task, fit: Fit, blocked: set[str]) -> tuple[NamedEffect, ...]:
     """Effects that only the rows near reversals show."""
     held = [effect for effect, _ in task.known]
     tested = [] if MOTOR in blocked else [e for e in task.library.values() if e.near_reversals and e not in held]
@@ -240,7 +239,7 @@ def _near_reversals(task: Task, fit: Fit, blocked: set[str]) -> tuple[NamedEffec
     return tuple(named)
 
 
-def _separating(task: Task, effect: NamedEffect) -> list[Experiment]:
+def separating(task: Task, effect: NamedEffect) -> list[Experiment]:
     """Experiments that separate a named effect from those that it can be confused with here."""
     cls = task.library[effect.name]
     known = {confusion.effect: confusion.experiment for confusion in cls.confusions}

@@ -19,6 +19,7 @@ from itertools import chain
 import numpy as np
 
 from hd_control.core.arrays import BoolArray, FloatArray, IntArray
+from hd_control.drive.effect import Columns
 from hd_control.lab.balances.channels import Base, Channel, JointEquations
 from hd_control.lab.balances.noise import Noise, fit_noise
 from hd_control.lab.diagnosis.candidates import Candidate, Group, group_of
@@ -180,12 +181,12 @@ class Dictionary:
             size += groups[-1].index.size
         rows = {}
         norm = np.concatenate([self.norm, np.zeros(size - self.size)])
+        white = [self.whitened(candidate.columns, candidate.reads) for candidate in candidates]
         for name, part in self.rows.items():
-            more = [(g, c.columns[name]) for g, c in zip(groups, candidates, strict=True) if name in c.columns]
-            new = [self.whitened(name, columns) for _, columns in more]
-            columns = np.concatenate([part.columns, *new], axis=1) if new else part.columns
+            more = [(g, w[name]) for g, w in zip(groups, white, strict=True) if name in w]
+            columns = np.concatenate([part.columns, *(w for _, w in more)], axis=1) if more else part.columns
             rows[name] = replace(part, columns=columns, index=np.concatenate([part.index, *(g.index for g, _ in more)]))
-            for (group, _), value in zip(more, new, strict=True):
+            for group, value in more:
                 norm[group.index] += (value**2).sum(axis=0)
         fresh = np.arange(self.size, size)
         norm[fresh] = np.sqrt(norm[fresh])
@@ -237,14 +238,18 @@ class Dictionary:
         """The noise of each channel."""
         return {name: part.noise for name, part in self.rows.items()}
 
-    def whitened(self, channel: str, columns: FloatArray) -> FloatArray:
-        """Raw columns (n, k) at the rate of the recording as whitened rows of a channel, physical units, (rows, k)."""
-        part = self.rows[channel]
-        return np.asarray(part.weight[:, None] * part.noise.whiten(part.channel.rows_of(columns))[part.usable])
+    def whitened(self, columns: Columns, reads: str = "") -> dict[str, FloatArray]:
+        """Raw columns (n, k) at the rate of the recording as whitened rows by channel, physical units, (rows, k)."""
+        found = {}
+        for name, raw in self.equations.rows_of(columns, reads).items():
+            part = self.rows[name]
+            found[name] = np.asarray(part.weight[:, None] * part.noise.whiten(raw)[part.usable])
+        return found
 
     def rows_touched(self, group: Group) -> int:
         """Whitened rows of the channels that a group acts on."""
-        return sum(rows.left.size for name, rows in self.rows.items() if name in group.channels)
+        touched = [rows.left.size for name, rows in self.rows.items() if name in group.channels]
+        return sum(touched or (rows.left.size for rows in self.rows.values()))
 
 
 def build(
@@ -276,7 +281,7 @@ def build(
 
 
 def _key(channel: str, base: Base) -> tuple[str, str]:
-    return (SHARED if base.shared else channel), base.name
+    return (base.owner or (SHARED if base.shared else channel)), base.name
 
 
 def base_of(channel: Channel, names: Sequence[tuple[str, str]]) -> IntArray:
@@ -298,10 +303,10 @@ class _Layout:
             group = group_of(candidate, self.size)
             self.groups.append(group)
             self.size += group.index.size
-            for name, columns in candidate.columns.items():
-                if name in equations.channels:
-                    self._columns[name].append(equations.channels[name].rows_of(columns))
-                    self._index[name].append(group.index)
+            sent = candidate.rows
+            for name, rows in (equations.rows_of(candidate.columns, candidate.reads) if sent is None else sent).items():
+                self._columns[name].append(rows)
+                self._index[name].append(group.index)
         known = len(self.base_names) + sum(group.index.size for group in self.groups[: len(fixed)])
         self.base = np.arange(known)
 

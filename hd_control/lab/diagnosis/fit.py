@@ -53,7 +53,9 @@ class Fit:
     def base(self, channel: str, name: str) -> float | None:
         """Physical coefficient of a base column."""
         i = self.dictionary.base_index(channel, name)
-        return None if i is None else float(self.coefficients[i]) / self.scale(channel)
+        if i is None:
+            return None
+        return self.dictionary.equations.offset(channel, name) + float(self.coefficients[i]) / self.scale(channel)
 
     @property
     def rotor_inertia(self) -> float:
@@ -93,11 +95,12 @@ class Fit:
         i = self.dictionary.base_index(channel, name)
         index = self.index
         left = self.scores.gram_all[np.ix_(index, index)] + np.diag(self.scores.ridge[index])
-        if i is None or self.coefficients[i] == 0.0:
+        value = self.base(channel, name)
+        if i is None or not value:
             return float("inf")
         unit = (index == i).astype(float)
         deviation = float(np.sqrt(unit @ np.linalg.solve(left, unit))) / self.dictionary.norm[i]
-        return float(1.96 * deviation / abs(self.coefficients[i]))
+        return float(1.96 * deviation / abs(value * self.scale(channel)))
 
     @property
     def damping_time(self) -> float:
@@ -105,7 +108,7 @@ class Fit:
         change = self.base(TRANSMISSION, "torsional_damping")
         if change is None:
             return float("nan")
-        return self.dictionary.equations.channels[TRANSMISSION].damping_time + change * self.torsional_stiffness
+        return self.dictionary.equations.damping_time + change * self.torsional_stiffness
 
     def context(self, default: Context) -> Context:
         """Stiffness and Coulomb torque for the change to physical parameters; `default` where a channel is missing."""
@@ -306,10 +309,8 @@ def _slopes(fit: Fit) -> tuple[list[_Slope], dict[str, list[tuple[int, FloatArra
             h = 1e-3 * max(abs(value), 1e-6)
             moved = group.effect.columns(states, {**group.shape, entry: value + h})
             held = group.effect.columns(states, dict(group.shape))
-            columns = {
-                name: fit.dictionary.whitened(name, ((moved[name] - held[name]) @ coefficients / h)[:, None])[:, 0]
-                for name in group.channels
-            }
+            slope = {name: ((moved[name] - held[name]) @ coefficients / h)[:, None] for name in group.channels}
+            columns = {name: c[:, 0] for name, c in fit.dictionary.whitened(slope, group.effect.reads).items()}
             norm = float(np.sqrt(sum((c**2).sum() for c in columns.values())))
             if norm > 0.0:
                 for name, column in columns.items():

@@ -118,8 +118,12 @@ class Scores:
                 parts[name] = parts[name].replaced(rows, np.flatnonzero(np.isin(rows.index, replaced[name])))
         return Scores(dictionary, parts)
 
+    def _need(self, index: IntArray) -> None:
+        """Fills in what is asked for, in scores that do not have all from the start."""
+
     def train(self, index: IntArray) -> FloatArray:
         """Coefficients (folds, k) of a selection, each fitted on the other folds."""
+        self._need(index)
         left = self.rest[:, index[:, None], index[None, :]]
         left[:, np.arange(index.size), np.arange(index.size)] += self.ridge[index]
         right = self.right_all[index] - self.right[:, index]
@@ -127,6 +131,7 @@ class Scores:
 
     def fit(self, index: IntArray) -> FloatArray:
         """Coefficients (k,) of a selection, fitted on all folds."""
+        self._need(index)
         left = self.gram_all[np.ix_(index, index)].copy()
         left[np.diag_indices(index.size)] += self.ridge[index]
         return np.asarray(np.linalg.solve(left, self.right_all[index]))
@@ -150,6 +155,7 @@ class Scores:
 
         with T, t those of the fold itself: the loss of s alone less that of s and j, each fitted without the fold.
         """
+        self._need(index)
         gain = np.zeros(len(groups))
         batches = [(place, np.stack([groups[i].index for i in place])) for place in _by_width(groups)]
         for fold in range(len(self.squares)):
@@ -204,6 +210,75 @@ class Scores:
         prior = 0.5 * float(np.mean(c**2 @ self._prior[index]))
         losses[losses > 0.0] += prior / max(1, int(np.count_nonzero(losses)))
         return losses
+
+
+class LazyScores(Scores):
+    """The same of rows that all columns share, without products that nobody asks for: those within a group at once,
+    those of a column with all others when it is selected."""
+
+    def __init__(self, dictionary: Dictionary, old: LazyScores | None = None) -> None:
+        self.dictionary, self.parts = dictionary, {}
+        folds, size = Blocks().folds, dictionary.size
+        self._folds = {n: [np.flatnonzero(p.fold == f) for f in range(folds)] for n, p in dictionary.rows.items()}
+        self.gram, self.right = np.zeros((folds, size, size)), np.zeros((folds, size))
+        self.squares, self.ridge = np.zeros(folds), dictionary.ridge
+        self._prior = dictionary.precision / dictionary.norm**2
+        self._known = np.zeros(size, dtype=bool)
+        fresh = np.arange(size)
+        if old is not None:
+            n = old.dictionary.size
+            self.gram[:, :n, :n], self.right[:, :n], fresh = old.gram, old.right, fresh[n:]
+            self.squares = old.squares
+        for name, part in dictionary.rows.items():
+            for f, rows in enumerate(self._folds[name]):
+                x, y = part.columns[rows[:, None], fresh], part.left[rows]
+                self.right[f, fresh] += x.T @ y
+                self.squares[f] += 0.0 if old is not None else y @ y
+        self.gram[:, fresh, fresh] += self._prior[fresh] / folds
+        for group in dictionary.groups:
+            if group.index[0] >= fresh[0] if fresh.size else False:
+                self._fill(group.index, group.index, prior=True)
+        self.gram_all, self.right_all = self.gram.sum(axis=0), self.right.sum(axis=0)
+        self.rest = self.gram_all - self.gram
+        if old is not None:
+            self._need(np.flatnonzero(old._known))
+
+    def extended(self, dictionary: Dictionary) -> LazyScores:
+        """The scores of the same dictionary with more groups behind."""
+        return LazyScores(dictionary, self)
+
+    def _fill(self, some: IntArray, others: IntArray, prior: bool = False) -> None:
+        """Products of some columns with others, by fold."""
+        for f in range(self.gram.shape[0]):
+            block = np.zeros((some.size, others.size))
+            for name, part in self.dictionary.rows.items():
+                rows = self._folds[name][f]
+                block += part.columns[rows[:, None], some].T @ (
+                    part.columns[rows] if others.size == self.dictionary.size else part.columns[rows[:, None], others]
+                )
+            same = some[:, None] == others[None, :]
+            block += same * (self._prior[some] / self.gram.shape[0])[:, None]
+            self.gram[f][np.ix_(some, others)] = block
+            self.gram[f][np.ix_(others, some)] = block.T
+
+    def _need(self, index: IntArray) -> None:
+        missing = index[~self._known[index]]
+        if missing.size == 0:
+            return
+        self._fill(missing, np.arange(self.dictionary.size))
+        self._known[missing] = True
+        self.gram_all[missing] = self.gram[:, missing].sum(axis=0)
+        self.gram_all[:, missing] = self.gram[:, :, missing].sum(axis=0)
+        self.rest[:, missing] = self.gram_all[missing] - self.gram[:, missing]
+        self.rest[:, :, missing] = self.gram_all[:, missing] - self.gram[:, :, missing]
+
+    def channel_losses(self, index: IntArray) -> dict[str, float]:
+        """Held-out loss of a selection by channel, nats."""
+        c, found = self.train(index), {}
+        for name, part in self.dictionary.rows.items():
+            errors = (part.left[r] - part.columns[r[:, None], index] @ c[f] for f, r in enumerate(self._folds[name]))
+            found[name] = 0.5 * float(sum(e @ e for e in errors))
+        return found
 
 
 def _by_width(groups: Sequence[Group]) -> list[IntArray]:

@@ -39,6 +39,8 @@ class Thresholds:
     """A curve must explain this share more than laws do: no law is exact, and a curve fits what it leaves."""
     curve_beside_any: float = 5e-4
     """The same beside laws without a shape."""
+    coupled: bool = False
+    """Every group acts on all rows: what an inexact law leaves may look like a curve of any balance."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +138,7 @@ class Search:
         """nats by which a curve on these channels must gain more: what an inexact law with a shape may leave there."""
         limits, found = self.thresholds, [0.0]
         for g in selection:
-            if g.effect is not None and set(g.channels) & set(channels):
+            if g.effect is not None and (limits.coupled or set(g.channels) & set(channels)):
                 share = limits.curve_relative if self._bent(g) else limits.curve_beside_any
                 found.append(share * self.support(g, tuple(h for h in selection if h is not g)).gain)
         return max(found)

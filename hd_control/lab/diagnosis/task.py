@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -23,11 +24,14 @@ from hd_control.drive.effect import (
     Shape,
 )
 from hd_control.drive.library import base_numbers, library
+from hd_control.drive.link import OwnLink
 from hd_control.drive.model import JointModel
 from hd_control.lab.balances.channels import JointEquations, Known, LinkFunction
 from hd_control.lab.balances.equations import build_equations
 from hd_control.lab.diagnosis.corrections import Task
 from hd_control.lab.diagnosis.dictionary import Dictionary
+from hd_control.lab.innovations.equations import Given
+from hd_control.lab.signals.filters import Spectral
 from hd_control.lab.signals.joint_signals import JointSignals
 
 PRIORS = {"datasheet": 0.1, "measured": 0.05, "fitted": 0.05, "guess": 1.0}
@@ -42,7 +46,7 @@ def equations_of(signals: JointSignals, joint: JointModel, link: LinkFunction | 
         rotor_inertia=base.get(ROTOR_INERTIA, 1.0),
         rotor_inertia_prior=priors[ROTOR_INERTIA],
         link_inertia_prior=priors[LINK_INERTIA],
-        command_delay=sum(joint.number(name, effect.shifts_command) for name, effect in _shifting()),
+        command_delay=_command_delay(joint),
         damping_time=base.get(DAMPING_TIME, 0.0),
     )
     equations = build_equations(signals, known, link)
@@ -66,8 +70,13 @@ def known_effects(joint: JointModel, context: Context) -> tuple[tuple[type[Effec
     return tuple(found)
 
 
-def task_of(signals: JointSignals, joint: JointModel, link: LinkFunction | None) -> Task:
-    """Everything that a diagnosis of this joint needs."""
+def task_of(
+    signals: JointSignals,
+    joint: JointModel,
+    link: LinkFunction | None,
+    own: Callable[[Spectral], OwnLink | None] = lambda spectral: None,
+) -> Task:
+    """Everything that a diagnosis of this joint needs. `own`: its own link along the recording, None if not known."""
     equations = equations_of(signals, joint, link)
     context = joint.context(equations.states.torque_scale)
     known = known_effects(joint, context)
@@ -77,6 +86,7 @@ def task_of(signals: JointSignals, joint: JointModel, link: LinkFunction | None)
         known=tuple((effect, shape) for effect, shape, _ in known),
         context=context,
         rated_torque=joint.rated_torque,
+        given=lambda: Given(signals, own(equations.spectral), _base(joint), _command_delay(joint), known),
     )
 
 
@@ -123,6 +133,11 @@ def _priors(joint: JointModel) -> dict[str, float]:
 def _shifting() -> list[tuple[str, type[Effect]]]:
     """Effects that delay the command, by name."""
     return [(name, effect) for name, effect in library().items() if effect.shifts_command]
+
+
+def _command_delay(joint: JointModel) -> float:
+    """Delay of the command that the model knows, s."""
+    return sum(joint.number(name, effect.shifts_command) for name, effect in _shifting())
 
 
 def _prior(value: object) -> float:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from hd_control.drive.model import Model
 from hd_control.lab.balances.channels import JointEquations, shown_unit
 from hd_control.lab.balances.link import LinkSide
 from hd_control.lab.balances.noise import Noise
+from hd_control.lab.diagnosis.by_innovations import diagnose_innovations
 from hd_control.lab.diagnosis.corrections import Task
 from hd_control.lab.diagnosis.diagnose import diagnose
 from hd_control.lab.diagnosis.task import task_of, written_coefficients
@@ -71,7 +73,7 @@ def joint_task(recording: Recording, model: Model, joint: str, link: LinkSide | 
     if joint not in recording.joints:
         raise ConfigError(f"{recording.path}: no joint {joint!r} is recorded; there is {', '.join(recording.joints)}")
     side = link if link is not None else LinkSide(model, recording.joints)
-    return task_of(recording.joints[joint], model.joint(joint), side.function(joint))
+    return task_of(recording.joints[joint], model.joint(joint), side.function(joint), partial(side.own_link, joint))
 
 
 def checks_of(recording: Recording, model: Model, joint: str, equations: JointEquations) -> SignalChecks:
@@ -88,12 +90,23 @@ def notes_of(recording: Recording, joint: str, link: LinkSide, checks: SignalChe
     return (*recording.joints[joint].notes, *checks.sentences, *([why] if why else []))
 
 
-def diagnose_joint(recording: Recording, model: Model, joint: str, link: LinkSide | None = None) -> JointDiagnosis:
-    """Which effect is missing in the model of one joint; none is named from signals that contradict the model."""
+BALANCES, INNOVATIONS = "balances", "innovations"
+FORMS = (BALANCES, INNOVATIONS)
+"""What decides: residuals of the filtered balances, or what a filter of the joint did not predict."""
+
+
+def diagnose_joint(
+    recording: Recording, model: Model, joint: str, link: LinkSide | None = None, form: str = BALANCES
+) -> JointDiagnosis:
+    """Which effect is missing in the model of one joint, by one of `FORMS`; none is named from signals that contradict
+    the model."""
     side = link if link is not None else LinkSide(model, recording.joints)
     task = joint_task(recording, model, joint, side)
     checks = checks_of(recording, model, joint, task.equations)
-    found = contradicted(joint, checks.contradictions) if checks.contradictions else diagnose(task)
+    if checks.contradictions:
+        found = contradicted(joint, checks.contradictions)
+    else:
+        found = diagnose_innovations(task) if form == INNOVATIONS else diagnose(task)
     return replace(found, notes=(*notes_of(recording, joint, side, checks), *found.notes))
 
 
