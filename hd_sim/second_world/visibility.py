@@ -7,7 +7,7 @@ or another hidden effect could explain is projected out, is the log-likelihood t
 
     s+ = (A - L C) s + (B - L D) f,   e = C s + D f,   gain = 1/2 min_b |S^-1/2 (e - sum b_i e_i)|^2
 
-Source: Ljung, System Identification (1999), ch. 7 (prediction errors) and 4 (innovations form).
+Source: docs/equations/innovations.md (K1); Ljung, System Identification (1999), ch. 4 and 7.
 """
 
 from __future__ import annotations

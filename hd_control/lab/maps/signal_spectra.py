@@ -7,7 +7,7 @@
 So an amplitude does not follow a guessed inertia or stiffness. Lines over turns are those of `orders`; a line over time
 is kept if it is not an order at the speed that prevails.
 
-Source: Welch, The use of fast Fourier transform for the estimation of power spectra, IEEE Trans. Audio 15 (1967).
+Method: Welch, The use of fast Fourier transform for the estimation of power spectra, IEEE Trans. Audio 15 (1967).
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ noise: a servo answers the counts of its encoder with a torque, and that torque 
 before it was recorded holds no noise above its cut-off, which says nothing of the noise below it: then there is no
 number (NaN). A count (the step of a quantised signal) is a noise of count^2/12.
 
-Source: Bendat, Piersol, Random Data, 4th ed., section 7.3 (residual spectra of several inputs).
+Method: Bendat, Piersol, Random Data, 4th ed., section 7.3 (residual spectra of several inputs).
 """
 
 from __future__ import annotations
