@@ -70,7 +70,7 @@ class SampleQueues {
         const std::vector<Taken> batch = take(limit);
         for (const Taken& taken : batch) {
             const Sample& sample = taken.sample;
-            const std::int64_t log_ns = std::max<std::int64_t>(sample.log_ns, 0);
+            const std::int64_t log_ns = in_order(std::max<std::int64_t>(sample.log_ns, 0));
             const std::int64_t publish_ns = sample.stamped ? std::max<std::int64_t>(sample.stamp_ns, 0) : log_ns;
             file.message(taken.topic->channel, taken.topic->sequence++, log_ns, publish_ns, sample.bytes);
         }
@@ -95,6 +95,14 @@ class SampleQueues {
             topic.samples.clear();
         }
         samples_ = bytes_ = 0;
+    }
+
+    // A sample that was taken late is logged no earlier than what stands in the file: readers of files without an index
+    // need it. A clock that was set back by more stays as it is.
+    std::int64_t in_order(std::int64_t log_ns) {
+        constexpr std::int64_t kLate = 1000000000;
+        if (log_ns > logged_ || logged_ - log_ns > kLate) logged_ = log_ns;
+        return logged_;
     }
 
     bool failed() const {
@@ -210,6 +218,7 @@ class SampleQueues {
     QueueLimits limits_;
     std::deque<Topic> topics_;  // their places stay
     std::size_t samples_ = 0, bytes_ = 0;
+    std::int64_t logged_ = 0;  // log time of the newest sample in the file
     bool failed_ = false;
 };
 

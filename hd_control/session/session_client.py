@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 import threading
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -192,9 +193,8 @@ class TrackingWatch:
     """Listens to `joint_reference` and `joint_states`; the node must be spun by another thread."""
 
     def __init__(self, node: Node) -> None:
+        self._node = node
         self._positions: dict[str, dict[int, JointState]] = {topics.REFERENCE: {}, topics.JOINT_STATES: {}}
-        for topic, kept in self._positions.items():
-            node.create_subscription(JointState, topic, self._keeper(kept), chain_qos(QUEUE))
 
     def _keeper(self, kept: dict[int, JointState]):  # type: ignore[no-untyped-def]
         def keep(message: JointState) -> None:
@@ -206,13 +206,26 @@ class TrackingWatch:
         """RMS by joint over the next `seconds` of ticks, rad. Raises HdError if the topics do not carry them."""
         for kept in self._positions.values():
             kept.clear()
-        end = time.monotonic() + 5.0 + SLOWEST * seconds
-        while time.monotonic() < end:
-            both = self._both()
-            if len(both) > 1 and both[-1] - both[0] >= seconds * 1e9:
-                return self._rms(both)
-            time.sleep(0.05)
+        with self._listening():
+            end = time.monotonic() + 5.0 + SLOWEST * seconds
+            while time.monotonic() < end:
+                both = self._both()
+                if len(both) > 1 and both[-1] - both[0] >= seconds * 1e9:
+                    return self._rms(both)
+                time.sleep(0.05)
         raise HdError(f"joint_reference and joint_states did not carry {seconds:g} s of ticks; is the robot active?")
+
+    @contextmanager
+    def _listening(self) -> Iterator[None]:
+        """Only while something is measured: lock-step floods a listener, and answers of services would wait."""
+        node, made = self._node, []
+        try:
+            for topic, kept in self._positions.items():
+                made.append(node.create_subscription(JointState, topic, self._keeper(kept), chain_qos(QUEUE)))
+            yield
+        finally:
+            for subscription in made:
+                node.destroy_subscription(subscription)
 
     def settle(self, seconds: float) -> None:
         """Lets `seconds` of ticks pass, and as many as were on their way when this was called."""

@@ -17,6 +17,13 @@ from hd_control.nodes.fast_loop import chain_qos
 from hd_control.session.session import RunPlan, Session
 
 pytestmark = pytest.mark.process
+PLAN = RunPlan(lockstep=True, parameters={"plant_node": {"lockstep_timeout": 0.3, "pause_at_tick": 20}})
+
+
+def hear_it(session: Session) -> None:
+    """The nodes run, and stand still until the plant has heard the foreign program."""
+    session.activate()
+    session.wait_for(lambda: int(session.diagnostics("plant_node").get("strangers", "0")) > 0, 30.0, "not heard")
 
 
 @contextmanager
@@ -46,11 +53,10 @@ def foreign(domain: int) -> Iterator[None]:
 
 def test_f24_a_program_that_was_first_is_not_obeyed_and_the_robot_is_armed_once_it_is_gone(tmp_path: Path) -> None:
     domain = random_domain()
-    plan = RunPlan(lockstep=True, parameters={"plant_node": {"lockstep_timeout": 0.3}})
-    with foreign(domain), Session(plan, domain, tmp_path / "logs") as session:
+    with foreign(domain), Session(PLAN, domain, tmp_path / "logs") as session:
         # The fixture is closed first: the session lives on without the foreign program.
-        session.activate()
-        session.wait_until_tick(600)
+        hear_it(session)
+        session.run_to(600)
         time.sleep(1.1)  # diagnostics come once a second
         said = session.fresh_diagnostics("plant_node")
         assert said["armed"] == "False" and int(said["strangers"]) > 0 and "two_publishers" in said
@@ -60,11 +66,11 @@ def test_f24_a_program_that_was_first_is_not_obeyed_and_the_robot_is_armed_once_
 
 def test_f24_once_it_is_gone_the_robot_is_armed(tmp_path: Path) -> None:
     domain = random_domain()
-    plan = RunPlan(lockstep=True, parameters={"plant_node": {"lockstep_timeout": 0.3}})
-    with Session(plan, domain, tmp_path / "logs") as session:
+    with Session(PLAN, domain, tmp_path / "logs") as session:
         with foreign(domain):
-            session.activate()
-            session.wait_until_tick(300)
+            hear_it(session)
+            session.run_to(300)
             assert session.client.drive_state != "ARMED"
+        assert session.set_parameters("plant_node", {"pause_at_tick": -1}) == ""
         session.wait_until_armed(60.0)
     assert set(session.exit_codes.values()) == {0}, session.exit_codes

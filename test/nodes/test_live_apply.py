@@ -1,6 +1,8 @@
 """hd apply --live: a model into running nodes, and into the chain that holds them all."""
 
 import json
+import threading
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -64,6 +66,24 @@ def test_without_nodes_it_says_how_to_start_them(tmp_path, capsys):
     assert "start them with hd up" in capsys.readouterr().err
 
 
+@contextmanager
+def paced(session):
+    """Lets lock-step go on by at most 150 ticks in 50 ms: at its own speed it would come to the goal's end meanwhile."""
+    ending = threading.Event()
+
+    def pace():
+        while not ending.wait(0.05):
+            session.set_parameters("chain", {"pause_at_tick": session.tick() + 150})
+
+    thread = threading.Thread(target=pace)
+    thread.start()
+    try:
+        yield
+    finally:
+        ending.set()
+        thread.join(30.0)
+
+
 def test_a_change_that_makes_it_worse_is_taken_back(tmp_path, capsys):
     """The same sine, a hidden kinematic error; the wrong sign is withdrawn, the right one stays."""
     hidden = apply_hidden(
@@ -86,16 +106,16 @@ def test_a_change_that_makes_it_worse_is_taken_back(tmp_path, capsys):
         session.wait_until_tick(PAUSE)
         goal = sine_goal(("joint_3",), hidden.start_position, 0.1, 0.5, 100)
         session.send_goal(replace(goal, start_tick=PAUSE + 100, times=np.round(goal.times, 9)))
-        session.set_parameters("chain", {"pause_at_tick": -1})
-        session.wait_until_tick(7000, 120.0)
-        code, ratio = apply(-1.0)
-        assert code == 1 and ratio > 1.05 and "withdrawn" in capsys.readouterr().out
-        assert session.get_parameters("chain", ["torque.kinematic_feedforward"]) == {
-            "torque.kinematic_feedforward": False
-        }
-        code, ratio = apply(1.0)
-        assert code == 0 and ratio < 0.7
-        assert session.get_parameters("chain", ["torque.kinematic_feedforward"]) == {
-            "torque.kinematic_feedforward": True
-        }
+        with paced(session):
+            session.wait_until_tick(7000, 120.0)
+            code, ratio = apply(-1.0)
+            assert code == 1 and ratio > 1.05 and "withdrawn" in capsys.readouterr().out
+            assert session.get_parameters("chain", ["torque.kinematic_feedforward"]) == {
+                "torque.kinematic_feedforward": False
+            }
+            code, ratio = apply(1.0)
+            assert code == 0 and ratio < 0.7
+            assert session.get_parameters("chain", ["torque.kinematic_feedforward"]) == {
+                "torque.kinematic_feedforward": True
+            }
     assert set(session.exit_codes.values()) == {0}, session.exit_codes
