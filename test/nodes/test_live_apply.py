@@ -68,7 +68,7 @@ def test_without_nodes_it_says_how_to_start_them(tmp_path, capsys):
 
 @contextmanager
 def paced(session):
-    """Lets lock-step go on by at most 150 ticks in 50 ms: at its own speed it would come to the goal's end meanwhile."""
+    """Lets lock-step go on by at most 150 ticks in 50 ms: at its own speed the goal would end meanwhile."""
     ending = threading.Event()
 
     def pace():
