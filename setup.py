@@ -14,7 +14,7 @@ from setuptools.command.build_py import build_py
 os.chdir(Path(__file__).resolve().parent)
 
 # -ffp-contract=off: without it the compiler fuses a*b+c where it likes, and two builds differ in the last bit.
-FLAGS = ["-std=c++17", "-O3", "-fno-math-errno", "-ffp-contract=off", "-Wall", "-Wextra", "-fvisibility=hidden"]
+FLAGS = ["-std=c++17", "-O3", "-g0", "-fno-math-errno", "-ffp-contract=off", "-Wall", "-Wextra", "-fvisibility=hidden"]
 SHIPPED = {"config": "**/*", "launch": "*.launch.py"}
 
 

@@ -129,8 +129,9 @@ def test_an_effect_outside_the_library_is_called_unknown(effect: str, variable: 
 
 @pytest.mark.parametrize("motion", ["short", "slow_only", "saturated", "production"])
 def test_a_poor_recording_is_refused_with_an_experiment(motion: str) -> None:
-    split, model, joint = opened(hidden("kinematic_error", 1.0, motion))
-    found = diagnose_joint(split.train, model, joint)
+    pair = hidden("kinematic_error", 1.0, motion)
+    _, model, joint = opened(pair)
+    found = diagnose_joint(recording(pair.fit, joint, pair.period), model, joint)
     assert found.verdict == CANNOT_TELL
     assert not found.effects
     assert found.experiments and all(e.purpose and e.how for e in found.experiments)

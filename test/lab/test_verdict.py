@@ -89,7 +89,7 @@ def test_the_probabilities_of_an_effect_and_its_runner_up_add_up() -> None:
 
 def test_the_json_of_a_diagnosis_holds_every_part_and_can_be_written() -> None:
     found = diagnosis().json()
-    assert set(found) == {"verdict", "effects", "unknown", "experiments", "channels", "notes"}
+    assert set(found) == {"verdict", "effects", "unknown", "experiments", "channels", "notes", "contradictions"}
     assert found["unknown"] == {"channel": "motor_torque", "variables": ["joint_position"],
                                 "evidence": "motor torque: the residual depends on joint position"}  # fmt: skip
     assert found["channels"]["motor_torque"]["error_explained"] == 0.05

@@ -36,11 +36,11 @@ from hd_control.drive.effect import (
 from hd_control.drive.link import OwnLink
 from hd_control.drive.shapes import approach
 from hd_control.lab.balances.channels import Base, Channel, JointEquations
-from hd_control.lab.balances.states import count_tone, few_counts, noise_density, quantum
+from hd_control.lab.balances.states import count_tone, few_counts, noise_density
 from hd_control.lab.innovations.core import MOTOR_SENSOR, SENSORS, Core, Numbers, Readings
 from hd_control.lab.innovations.noise import fast_power, sensor_variance
 from hd_control.lab.signals.filters import Band
-from hd_control.lab.signals.joint_signals import JointSignals
+from hd_control.lab.signals.joint_signals import JointSignals, quantum
 
 ROUNDS = 2
 SHARES = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003)

@@ -254,12 +254,16 @@ def _nothing_to_add(diagnosis: JointDiagnosis) -> str:
 
 
 def _not_better(rung: LadderRung, last: LadderRung, channel: str) -> str:
-    """Why a rung does not stay: its error rose where nothing was fitted, or the data there do not show the channel."""
-    for seen in ("stopping", "held_out"):
-        if channel not in getattr(rung, seen) or channel not in getattr(last, seen):
-            what = f"the held-out recording does not show {channel}, so {rung.effect} cannot be judged"
-            return f"{what}; record a longer one"
-    if rung.stopping[channel] > ROSE * last.stopping[channel]:
+    """Why a rung does not stay: its error rose where nothing was fitted, or the data there do not show the channel.
+
+    Where the part that decides is too short to show the channel, the errors that are shown decide.
+    """
+    if channel not in rung.held_out or channel not in last.held_out:
+        what = f"the held-out recording does not show {channel}, so {rung.effect} cannot be judged"
+        return f"{what}; record a longer one"
+    decides = channel in rung.stopping and channel in last.stopping
+    now, before = (each.stopping if decides else each.held_out for each in (rung, last))
+    if now[channel] > ROSE * before[channel]:
         return f"{rung.effect} raised the held-out error of {channel}; it was left out"
     return ""
 
