@@ -278,6 +278,7 @@ class Loop {
         while (!interrupted_.load()) {
             const std::uint32_t seen = bell.count();
             Pause pause;
+            let_in();
             {
                 const std::lock_guard<std::mutex> lock(between_);
                 if (closed_.load()) return;
@@ -299,7 +300,9 @@ class Loop {
     // Runs `change` between two ticks; when it returns the loop has seen it.
     template <typename Change>
     void between(Change&& change) {
+        wanting_.fetch_add(1);
         const std::lock_guard<std::mutex> lock(between_);
+        wanting_.fetch_sub(1);
         change();
         bell.ring();
     }
@@ -340,7 +343,14 @@ class Loop {
     bool interrupted() const { return interrupted_.load(); }
 
   private:
+    // A loop in lock-step may never sleep, and would have the lock again before anybody else has woken.
+    void let_in() const {
+        constexpr timespec kShort{0, 20000};
+        while (wanting_.load() > 0 && !interrupted_.load()) nanosleep(&kShort, nullptr);
+    }
+
     std::mutex between_;
+    std::atomic<int> wanting_{0};
     std::atomic<bool> interrupted_{false};
     std::atomic<bool> closed_{false};
     bool polled_;

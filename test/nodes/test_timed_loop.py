@@ -64,6 +64,24 @@ def test_in_lockstep_a_tick_follows_the_command_of_the_one_before() -> None:
     assert set(world.times("send").values()) == {START_NS}, "no time passes while commands are there"
 
 
+def test_a_loop_that_never_sleeps_lets_others_in_between_two_ticks() -> None:
+    world = World(True, World.command, 10**9)
+    thread = threading.Thread(target=world.loop.run)
+    thread.start()
+    waited = []
+    for _ in range(10):
+        world.loop.start()
+        first = world.loop.tick
+        while world.loop.tick == first:
+            time.sleep(0.001)
+        before = world.loop.tick
+        world.loop.stop()
+        waited.append(world.loop.tick - before)
+    world.loop.interrupt()
+    thread.join(10.0)
+    assert not thread.is_alive() and max(waited) < 500, "thousands of ticks, if it takes the lock again at once"
+
+
 def test_lockstep_asks_again_waits_for_the_timeout_once_and_says_who_was_missing() -> None:
     def first_joint_only(world: World, tick: int) -> None:
         world.table.ticks[0] = tick
