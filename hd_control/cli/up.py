@@ -53,8 +53,8 @@ def run(arguments: argparse.Namespace) -> int:
             session.activate()
             say(arguments, f"running: {', '.join(process.path for process in session.processes)}; Ctrl-C stops")
             if session.has_drives:
-                session.wait_until_armed()
-                say(arguments, "armed: the drives obey, goals are taken")
+                reason = session.arming()  # the robot stays up either way
+                say(arguments, f"{reason}; it goes on" if reason else "armed: the drives obey, goals are taken")
             session.stay(arguments.ticks)
     except KeyboardInterrupt:
         pass

@@ -360,10 +360,14 @@ class Session:
 
     def wait_until_armed(self, timeout: float = ARM_TIMEOUT) -> None:
         """Waits until the drives obey. Raises HdError with what stands in the way."""
+        if reason := self.arming(timeout):
+            raise HdError(reason)
+
+    def arming(self, timeout: float = ARM_TIMEOUT) -> str:
+        """Waits until the drives obey; empty then, else what stands in the way. Raises HdError if a node ends."""
         end = time.monotonic() + timeout
         self._wait(lambda: self.client.drive_state == ARMED or time.monotonic() > end, math.inf, "")
-        if self.client.drive_state != ARMED:
-            raise HdError(f"not armed within {timeout:g} s: {self._not_armed()}")
+        return "" if self.client.drive_state == ARMED else f"not armed within {timeout:g} s: {self._not_armed()}"
 
     def _not_armed(self) -> str:
         """Why the drives do not obey, from what they and the nodes say."""
