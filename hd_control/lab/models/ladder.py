@@ -254,22 +254,24 @@ def _nothing_to_add(diagnosis: JointDiagnosis) -> str:
 
 
 def _not_better(rung: LadderRung, last: LadderRung, channel: str) -> str:
-    """Why a rung does not stay: its error rose where nothing was fitted, or the data there do not show the channel.
+    """Why a rung does not stay: its error rose where nothing was fitted, or no error of the channel can be shown.
 
-    Where the part that decides is too short to show the channel, the errors that are shown decide.
+    Where the part that decides is too short to show the channel, the diagnosis alone has decided, by its own held-out
+    blocks: the errors that are shown never do.
     """
     if channel not in rung.held_out or channel not in last.held_out:
         what = f"the held-out recording does not show {channel}, so {rung.effect} cannot be judged"
         return f"{what}; record a longer one"
     decides = channel in rung.stopping and channel in last.stopping
-    now, before = (each.stopping if decides else each.held_out for each in (rung, last))
-    if now[channel] > ROSE * before[channel]:
+    if decides and rung.stopping[channel] > ROSE * last.stopping[channel]:
         return f"{rung.effect} raised the held-out error of {channel}; it was left out"
     return ""
 
 
 def _floor(rung: LadderRung) -> str:
-    reached = rung.stopping and all(rung.stopping_ratio(name) <= FLOOR_REACHED for name in rung.stopping)
+    """Whether every channel that is shown is at its noise where the stop is decided."""
+    seen = bool(rung.held_out) and set(rung.held_out) <= set(rung.stopping)
+    reached = seen and all(rung.stopping_ratio(name) <= FLOOR_REACHED for name in rung.stopping)
     return f"noise floor reached: held-out errors within {100 * (FLOOR_REACHED - 1):.0f} % of it" if reached else ""
 
 
