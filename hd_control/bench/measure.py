@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import os
 import platform
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+
+from hd_control.session.session import Children
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,12 @@ def summarise(name: str, unit: str, samples: Sequence[float], peer: str | None =
     return Result(
         name, float(np.median(values)), float(values.min()), float(np.quantile(values, 0.99)), unit, values.size, peer
     )
+
+
+def keep_busy(children: Children) -> None:
+    """Starts ordinary work on every processor, until the children end."""
+    for number in range(os.cpu_count() or 1):
+        children.start(f"busy_{number}", [sys.executable, "-c", "while True: pass"])
 
 
 def machine() -> dict[str, Any]:

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from hd_control.bench.measure import keep_busy
 from hd_control.core.errors import HdError
 from hd_control.core.topics import JOINT_STATE_TYPE, PROGRESS, TOPICS, VALUES_TYPE
 from hd_control.nodes.process import prepare_environment, request_real_time, sleep_until
@@ -70,8 +71,8 @@ def recorder_run(seconds: float, loaded: bool = False, python: bool = False) -> 
         log = Path(folder, "log").open("wb")
         recorder = children.start("recorder", [sys.executable, *program, "--ros-args", *words], stdout=log, stderr=log)
         command = [sys.executable, "-m", "hd_control.bench.recording", str(seconds), str(recorder.pid)]
-        for number in range(os.cpu_count() or 1 if loaded else 0):
-            children.start(f"busy_{number}", [sys.executable, "-c", "while True: pass"])
+        if loaded:
+            keep_busy(children)
         source = children.start("source", command, stdout=subprocess.PIPE, stderr=log)
         text, _ = source.communicate(timeout=seconds + 60.0)
         children.signal("recorder", 2)

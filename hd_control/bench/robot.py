@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import secrets
 import subprocess
 import sys
@@ -23,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hd_control.bench.measure import keep_busy
 from hd_control.core.errors import HdError
 from hd_control.core.resources import config_path
 from hd_control.nodes.process import request_real_time
@@ -86,8 +86,8 @@ def live_run(form: str, seconds: float, loaded: bool = False) -> LiveResult:
         session = stack.enter_context(Session(FORMS[form](folder), 1 + secrets.randbelow(100), log_folder()))
         session.activate()
         session.wait_until_armed()
-        for number in range(os.cpu_count() or 1 if loaded else 0):
-            children.start(f"busy_{number}", [sys.executable, "-c", "while True: pass"])
+        if loaded:
+            keep_busy(children)
         first = session.fresh_diagnostics(session.plant_node)
         bare = children.start(
             "bare", [sys.executable, "-m", "hd_control.bench.robot", str(seconds)], stdout=subprocess.PIPE
